@@ -1,0 +1,51 @@
+"""The regular grid of cells that a map, a similarity and an energy field live on."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+
+class GridMismatchError(ValueError):
+    """Two maps cannot be compared because their cells do not coincide."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cubic cells fixed to a frame; cell (i, j, k) spans `origin + cell_size * [i, i+1)` and so on."""
+
+    origin: tuple[float, float, float]
+    """Lower corner of cell (0, 0, 0), in [m]."""
+    cell_size: float
+    """Edge of a cell (the paper's Delta), in [m]."""
+    shape: tuple[int, int, int]
+    """Number of cells along x, y, z."""
+
+    @classmethod
+    def around_base(cls, cell_size: float, half_width: float, z_offset: float) -> "Grid":
+        """The paper's workspace: [-w, w] x [-w, w] x [-w + z_offset, w + z_offset] about the base, in [m]."""
+        cells = int(np.ceil(2 * half_width / cell_size - 1e-9))
+        origin = (-half_width, -half_width, -half_width + z_offset)
+        return cls(origin, cell_size, (cells, cells, cells))
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return int(np.prod(self.shape))
+
+    def cells_of(self, points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
+        """Flat index of the cell that holds each point, in [m]; -1 outside the grid (RichMap, Eq. 1, unclamped)."""
+        index = np.floor((points - np.array(self.origin)) / self.cell_size).astype(np.int64)
+        inside = ((index >= 0) & (index < self.shape)).all(1)
+        flat = np.ravel_multi_index(np.where(inside[:, None], index, 0).T, self.shape)
+        return np.where(inside, flat, -1)
+
+    def centres(self) -> Float[np.ndarray, "n 3"]:
+        """Centres of all cells in flat order, in [m]."""
+        axes = [o + self.cell_size * (np.arange(n) + 0.5) for o, n in zip(self.origin, self.shape, strict=True)]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+
+    def moved(self, offset: Float[np.ndarray, " 3"]) -> "Grid":
+        """The same cells seen from a frame at `offset`, in [m]: cells of two robots then coincide in the world."""
+        origin = tuple(float(o - d) for o, d in zip(self.origin, offset, strict=True))
+        return Grid(origin, self.cell_size, self.shape)
