@@ -8,7 +8,7 @@ import coal
 import numpy as np
 import pinocchio
 import trimesh
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from richmap.robot import RobotDescription
 
@@ -20,6 +20,9 @@ SLAB = 0.015
 
 EDGE = 0.002
 """The base's triangles are cut down to edges of this length, in [m], before the cylinders are fitted."""
+
+SECTORS = 72
+"""Sectors about the first axis in which the base's radius is measured; the core has the median one."""
 
 
 class SelfCollision:
@@ -42,21 +45,31 @@ class SelfCollision:
         touching = self.pair_hits(joints).mean(0)
         self.pairs = [p for p, rate in zip(self.pairs, touching, strict=True) if rate < PERMANENT_CONTACT]
 
-        of_base = [pair for pair in self.pairs if pair[0] == self._base]
         self._all = _with_pairs(self._geometry, self.pairs)
-        self._swept_base_pairs = self._with_swept_base(robot, of_base)
+        self._split_base(robot, [b for a, b in self.pairs if a == self._base])
 
     def __call__(self, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, " n"]:
         """Whether each configuration, in [rad], is in self-collision."""
         return self._any_hit(self._all, joints)
 
-    def may_meet_base(self, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, " n"]:
-        """Whether the base could collide with another link if joint 1 were turned; if not, no turn changes the verdict.
+    def free_turns(
+        self, joints: Float[np.ndarray, "n dof"], turns: Float[np.ndarray, "n k"]
+    ) -> Bool[np.ndarray, "n k"]:
+        """At which angles of joint 1, in [rad], configurations that are free stay free; False where unknown.
 
-        Links that move with joint 1 meet each other at every turn or at none. They may meet the base, which does
-        not move with it, only where they meet the solid that the base sweeps about the axis.
+        Links that move with joint 1 meet each other at every turn or at none. The base does not move with it: it
+        is enclosed in a solid of revolution about the axis, and its narrow protrusions (a cable socket) are taken
+        apart, so that the rest, the core, is enclosed closely. A configuration that does not meet the solid is free
+        at all turns. One that meets it, but not the core, is checked at each turn against the protrusions. One that
+        meets the core is not decided here (fewer than one in a hundred).
         """
-        return self._any_hit(self._swept_base_pairs, joints)
+        free = ~self._any_hit(self._core, joints)[:, None] & np.ones(turns.shape, dtype=bool)
+        near = np.flatnonzero(free[:, 0])
+        near = near[self._any_hit(self._envelope, joints[near])]
+        each_turn = np.repeat(joints[near], turns.shape[1], axis=0)
+        each_turn[:, 0] = turns[near].ravel()
+        free[near] = ~self._any_hit(self._protrusions, each_turn).reshape(-1, turns.shape[1])
+        return free
 
     def pair_hits(self, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, "n pairs"]:
         """Which of `pairs` intersect in each configuration, in [rad]."""
@@ -76,30 +89,48 @@ class SelfCollision:
         pool = pinocchio.GeometryPool(self._model, geometry, 1)
         return np.array(pinocchio.computeCollisionsInParallel(1, pool, np.asfortranarray(joints.T), True))
 
-    def _with_swept_base(
-        self, robot: RobotDescription, pairs: list[tuple[str, str]]
-    ) -> pinocchio.GeometryModel:
-        """The base replaced by a stack of cylinders about the first joint's axis that encloses it at every turn."""
-        geometry = self._geometry.copy()
+    def _split_base(self, robot: RobotDescription, links: list[str]) -> None:
+        """Enclose the base in slabs of cylinders about the first axis: all of it, and its core; keep the difference."""
+        base = self._geometry.geometryObjects[self._geometry.getGeometryId(f"{self._base}_0")]
         axis = self._model.jointPlacements[1]
-        base = geometry.geometryObjects[geometry.getGeometryId(f"{self._base}_0")]
         mesh = trimesh.load(robot.meshes[self._base], force="mesh")
-        fine = mesh.subdivide_to_size(EDGE, max_iter=20)
-        pose = axis.inverse() * base.placement
-        points = (fine.vertices * base.meshScale) @ pose.rotation.T + pose.translation
+        mesh.apply_scale(base.meshScale)
+        mesh.apply_transform((axis.inverse() * base.placement).homogeneous)
+        points, triangles, parents = trimesh.remesh.subdivide_to_size(
+            mesh.vertices, mesh.faces, EDGE, max_iter=20, return_index=True
+        )
+        radius = np.hypot(points[:, 0], points[:, 1])
+        sector = np.floor((np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
         lower, upper = points[:, 2].min(), points[:, 2].max()
         edges = np.linspace(lower, upper, int(np.ceil((upper - lower) / SLAB)) + 1)
-        names = []
+
+        envelope, core, protruding = [], [], np.zeros(len(points), dtype=bool)
         for bottom, top in zip(edges, edges[1:], strict=False):
-            inside = (points[:, 2] >= bottom - EDGE) & (points[:, 2] <= top + EDGE)
-            radius = np.hypot(points[inside, 0], points[inside, 1]).max(initial=EDGE)
-            placement = axis * pinocchio.SE3(np.eye(3), np.array([0, 0, (bottom + top) / 2]))
-            names.append(f"swept_base_{len(names)}")
-            cylinder = coal.Cylinder(radius, top - bottom)
+            slab = np.flatnonzero((points[:, 2] >= bottom - EDGE) & (points[:, 2] <= top + EDGE))
+            widest = np.zeros(SECTORS)
+            np.maximum.at(widest, sector[slab], radius[slab])
+            core_radius = np.median(widest) + EDGE
+            middle = axis * pinocchio.SE3(np.eye(3), np.array([0, 0, (bottom + top) / 2]))
+            core.append((coal.Cylinder(core_radius, top - bottom), middle))
+            envelope.append((coal.Cylinder(max(widest.max(), core_radius), top - bottom), middle))
+            protruding[slab] |= radius[slab] > core_radius - EDGE / 2
+        faces = mesh.faces[np.unique(parents[protruding[triangles].any(1)])]
+
+        self._envelope = self._against(links, envelope)
+        self._core = self._against(links, core)
+        self._protrusions = self._against(links, [(_bounding_volumes(mesh.vertices, faces), axis)])
+
+    def _against(
+        self, links: list[str], shapes: list[tuple[coal.CollisionGeometry, pinocchio.SE3]]
+    ) -> pinocchio.GeometryModel:
+        """A model that checks these shapes, fixed to the base, against these links."""
+        geometry = self._geometry.copy()
+        base = geometry.geometryObjects[geometry.getGeometryId(f"{self._base}_0")]
+        for i, (shape, placement) in enumerate(shapes):
             geometry.addGeometryObject(
-                pinocchio.GeometryObject(names[-1], base.parentJoint, base.parentFrame, placement, cylinder)
+                pinocchio.GeometryObject(f"shape{i}_0", base.parentJoint, base.parentFrame, placement, shape)
             )
-        return _with_pairs(geometry, [(name, f"{link}_0") for name in names for _, link in pairs], suffix="")
+        return _with_pairs(geometry, [(f"shape{i}", link) for i in range(len(shapes)) for link in links])
 
 
 @lru_cache
@@ -115,13 +146,27 @@ def _collision_geometry(robot: RobotDescription, model: pinocchio.Model) -> pino
         return pinocchio.buildGeomFromUrdf(model, str(file), pinocchio.GeometryType.COLLISION)
 
 
-def _with_pairs(
-    geometry: pinocchio.GeometryModel, pairs: list[tuple[str, str]], suffix: str = "_0"
-) -> pinocchio.GeometryModel:
-    """A copy that checks these pairs of links and no others."""
+def _with_pairs(geometry: pinocchio.GeometryModel, pairs: list[tuple[str, str]]) -> pinocchio.GeometryModel:
+    """A copy that checks these pairs and no others."""
     geometry = geometry.copy()
     geometry.removeAllCollisionPairs()
     for pair in pairs:
-        ids = [geometry.getGeometryId(name + suffix) for name in pair]
+        ids = [geometry.getGeometryId(f"{name}_0") for name in pair]
         geometry.addCollisionPair(pinocchio.CollisionPair(*ids))
     return geometry
+
+
+def _bounding_volumes(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
+) -> coal.BVHModelOBBRSS:
+    """Triangles as coal collides them."""
+    points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    for vertex in vertices:
+        points.append(np.asarray(vertex, dtype=np.float64))
+    for a, b, c in faces:
+        triangles.append(coal.Triangle(int(a), int(b), int(c)))
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(len(faces), len(vertices))
+    model.addSubModel(points, triangles)
+    model.endModel()
+    return model

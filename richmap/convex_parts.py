@@ -4,18 +4,16 @@ One convex hull per link would reject a fifth to a third of all free UR configur
 package were made by `fit_convex_parts` (V-HACD) and are refused for meshes other than those they were made from.
 """
 
-import json
 from pathlib import Path
 
 import numpy as np
-import safetensors.numpy
 from jaxtyping import Float
-from safetensors import safe_open
 
+from richmap.files import FileRefusedError, load_arrays, save_arrays
 from richmap.robot import RobotDescription
 
 FOLDER = Path(__file__).parent / "convex_parts"
-VERSION = "1"
+KIND, VERSION = "richmap.ConvexParts", 1
 
 ConvexParts = dict[str, list[Float[np.ndarray, "v 3"]]]
 """For each link, the vertices of its convex parts in the link's frame, in [m]."""
@@ -25,20 +23,23 @@ def load_convex_parts(robot: RobotDescription) -> ConvexParts:
     """The parts shipped for this robot.
 
     Raises:
-        ValueError: If there are none, or if they were made from other meshes.
+        ValueError: If there are none.
+        FileRefusedError: If they were made from other meshes.
     """
     file = FOLDER / f"{robot.name}.safetensors"
+    how = f"python -m richmap.convex_parts {robot.name}"
     if not file.exists():
-        raise ValueError(f"No convex parts for {robot.name!r} in {FOLDER}. Make them: {_how_to_make(robot)}")
-    with safe_open(file, framework="numpy") as archive:
-        metadata = archive.metadata()
-        if metadata["version"] != VERSION or metadata["robot"] != robot.fingerprint:
-            raise ValueError(
-                f"{file.name} was made for another description of {robot.name} "
-                f"({metadata['robot'][:12]}, here {robot.fingerprint[:12]}). Make it anew: {_how_to_make(robot)}"
-            )
-        links = json.loads(metadata["links"])
-        return {link: [archive.get_tensor(f"{link}/{i}") for i in range(n)] for link, n in links.items()}
+        raise ValueError(f"No convex parts for {robot.name!r} in {FOLDER}. Make them: {how}")
+    arrays, about = load_arrays(file, KIND, VERSION)
+    if about["robot_fingerprint"] != robot.fingerprint:
+        raise FileRefusedError(
+            f"{file.name} was made for another description of {robot.name} "
+            f"({about['robot_fingerprint'][:12]}, here {robot.fingerprint[:12]}). Make it anew: {how}"
+        )
+    parts: ConvexParts = {}
+    for name in sorted(arrays):
+        parts.setdefault(name.split("/")[0], []).append(arrays[name])
+    return parts
 
 
 def fit_convex_parts(robot: RobotDescription, parts_per_link: int = 16) -> ConvexParts:
@@ -64,20 +65,9 @@ def fit_convex_parts(robot: RobotDescription, parts_per_link: int = 16) -> Conve
 
 def save_convex_parts(robot: RobotDescription, parts: ConvexParts) -> None:
     """Write the parts where `load_convex_parts` looks for them."""
-    FOLDER.mkdir(exist_ok=True)
-    safetensors.numpy.save_file(
-        {f"{link}/{i}": part for link, hulls in parts.items() for i, part in enumerate(hulls)},
-        FOLDER / f"{robot.name}.safetensors",
-        metadata={
-            "version": VERSION,
-            "robot": robot.fingerprint,
-            "links": json.dumps({link: len(hulls) for link, hulls in parts.items()}),
-        },
-    )
-
-
-def _how_to_make(robot: RobotDescription) -> str:
-    return f"python -m richmap.convex_parts {robot.name}"
+    arrays = {f"{link}/{i:03d}": part for link, hulls in parts.items() for i, part in enumerate(hulls)}
+    about = {"robot_fingerprint": robot.fingerprint, "source": robot.source, "licence": robot.licence}
+    save_arrays(FOLDER / f"{robot.name}.safetensors", KIND, VERSION, arrays, about)
 
 
 if __name__ == "__main__":

@@ -28,6 +28,11 @@ class Grid:
         origin = (-half_width, -half_width, -half_width + z_offset)
         return cls(origin, cell_size, (cells, cells, cells))
 
+    @classmethod
+    def from_dict(cls, fields: dict) -> "Grid":
+        """The inverse of `dataclasses.asdict` after a passage through JSON."""
+        return cls(tuple(fields["origin"]), fields["cell_size"], tuple(fields["shape"]))
+
     @property
     def n_cells(self) -> int:
         """Number of cells."""

@@ -29,9 +29,8 @@ def sample_workspace(
 ) -> WorkspaceSamples:
     """Draw configurations uniformly within the joint limits and keep those free of self-collision.
 
-    Turning an arm about its first joint moves no link against another but against the base. So a free
-    configuration whose links cannot meet the base at any turn stays free, and is used again at `turns - 1` further
-    angles of joint 1, spread over the circle (orbit sampling); all others count once.
+    Each free configuration is used again at up to `turns - 1` further angles of joint 1, spread over the circle, where
+    it is known to stay free (orbit sampling; `SelfCollision.free_turns`).
 
     Args:
         robot: The arm; orbit sampling is used if its first axis is the base frame's z axis.
@@ -48,17 +47,17 @@ def sample_workspace(
     if turns == 1 or not turns_about_base_z(robot):
         return _as_float32(joints, position, direction, len(joints))
 
-    orbit = ~check.may_meet_base(joints)
     middle = (robot.lower[0] + robot.upper[0]) / 2
     width = min(robot.upper[0] - robot.lower[0], 2 * np.pi)
-    angle = middle + width * ((np.arange(turns - 1) + phase[orbit]) / (turns - 1) - 0.5)
-    turned = np.repeat(joints[orbit], turns - 1, axis=0)
-    by = angle.ravel() - turned[:, 0]
-    turned[:, 0] = angle.ravel()
+    angle = middle + width * ((np.arange(turns - 1) + phase) / (turns - 1) - 0.5)
+    of, turn = np.nonzero(check.free_turns(joints, angle))
+    turned = joints[of]
+    turned[:, 0] = angle[of, turn]
+    by = turned[:, 0] - joints[of, 0]
     return _as_float32(
         np.concatenate([joints, turned]),
-        np.concatenate([position, _rotate_about_z(np.repeat(position[orbit], turns - 1, axis=0), by)]),
-        np.concatenate([direction, _rotate_about_z(np.repeat(direction[orbit], turns - 1, axis=0), by)]),
+        np.concatenate([position, _rotate_about_z(position[of], by)]),
+        np.concatenate([direction, _rotate_about_z(direction[of], by)]),
         len(joints),
     )
 
