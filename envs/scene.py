@@ -1,0 +1,94 @@
+"""Where blocks, targets and effector are when an episode starts."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+START = (0.3, -0.4)
+"""Effector at the start of an ordinary episode, xy in [m]."""
+MIN_BLOCK_DISTANCE = 0.1
+"""The blocks start farther apart than this, in [m]. The original compares x alone, and so does this."""
+TARGET_OFFSET = 0.12
+"""One target lies this much nearer than x = 0.4 m, the other this much farther, in [m]."""
+ATTEMPTS = 1000
+"""Draws of the second block before both are drawn again."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Initial poses, each x, y in [m] and yaw in [rad] in the world frame, and the plan of the scripted oracle."""
+
+    block: Float[np.ndarray, "3"]
+    block2: Float[np.ndarray, "3"]
+    target: Float[np.ndarray, "3"]
+    target2: Float[np.ndarray, "3"]
+    mode: int
+    """Which of its four plans the oracle follows (`envs.oracle.PLANS`)."""
+    effector: Float[np.ndarray, "2"]
+    """Where the effector starts, xy in [m]."""
+
+
+def draw_scene(seed: int) -> Scene:
+    """The original task's scene of this seed: the same draws in the same order from NumPy's legacy generator.
+
+    Block yaw is `uniform(pi)`, which means U(pi, 1): a slip of the original, kept, and harmless because a cube
+    looks the same after a quarter turn.
+    """
+    rng = np.random.RandomState(seed)
+    block, block2 = _draw_blocks(rng)
+    side = TARGET_OFFSET * rng.choice([-1, 1])
+    target, target2 = _draw_target(rng, 0.4 + side), _draw_target(rng, 0.4 - side)
+    return Scene(block, block2, target, target2, int(rng.choice(4)), np.array(START))
+
+
+def draw_wide_scene(rng: np.random.Generator) -> Scene:
+    """A scene for training data: effector and blocks anywhere on the table, sometimes one block placed already.
+
+    Effector x .2 to .6 and y -.46 to .28, blocks x .2 to .6 and y -.43 to .28; with probability .3 one block starts
+    within 4 cm of a target. Everything keeps 6.5 cm from everything else, so that nothing overlaps; targets as usual.
+    """
+    seed = int(rng.integers(2**31))
+    usual = draw_scene(seed)
+    placed = rng.random() < 0.3
+    while True:
+        effector = rng.uniform((0.2, -0.46), (0.6, 0.28))
+        blocks = rng.uniform((0.2, -0.43, 0), (0.6, 0.28, math.pi), (2, 3))
+        if placed:
+            target = (usual.target, usual.target2)[rng.integers(2)]
+            blocks[rng.integers(2), :2] = target[:2] + _draw_in_disc(rng, 0.04)
+        points = np.vstack([effector, blocks[:, :2]])
+        distances = np.linalg.norm(points[:, None] - points, axis=-1)[np.triu_indices(3, 1)]
+        if distances.min() > 0.065:
+            return Scene(blocks[0], blocks[1], usual.target, usual.target2, usual.mode, effector)
+
+
+def _draw_blocks(rng: np.random.RandomState) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    while True:
+        block = _draw_block(rng, lambda x: True)
+        block2 = _draw_block(rng, lambda x: abs(x - block[0]) > MIN_BLOCK_DISTANCE)
+        if abs(block[0] - block2[0]) > MIN_BLOCK_DISTANCE:
+            return block, block2
+
+
+def _draw_block(rng: np.random.RandomState, accept: Callable[[float], bool]) -> Float[np.ndarray, "3"]:
+    for _ in range(ATTEMPTS):
+        x = 0.4 + rng.uniform(-0.1, 0.1)
+        y = -0.2 + rng.uniform(-0.15, 0.15)
+        if accept(x):
+            break
+    return np.array([x, y, rng.uniform(math.pi)])
+
+
+def _draw_target(rng: np.random.RandomState, x: float) -> Float[np.ndarray, "3"]:
+    """The original redraws targets that are close together in x; theirs never are."""
+    x = x + rng.uniform(-0.005, 0.005)
+    y = 0.2 + rng.uniform(-0.0075, 0.0075)
+    return np.array([x, y, math.pi + rng.uniform(-math.pi / 30, math.pi / 30)])
+
+
+def _draw_in_disc(rng: np.random.Generator, radius: float) -> Float[np.ndarray, "2"]:
+    angle, r = rng.uniform(0, 2 * math.pi), radius * math.sqrt(rng.random())
+    return r * np.array([math.cos(angle), math.sin(angle)])

@@ -1,0 +1,50 @@
+"""Scenes are those of the original task."""
+
+import numpy as np
+import pytest
+
+from envs.scene import MIN_BLOCK_DISTANCE, draw_scene, draw_wide_scene
+
+GOLDEN = {  # seed: x, y, yaw of block, block2, target, target2, then the oracle's mode; from the original environment
+    0: ((0.409763, -0.135443, 1.850719), (0.307838, -0.265158, 2.884181), (0.519809, 0.202830, 3.221279),
+        (0.284182, 0.195752, 3.155246), 0),
+    1: ((0.383404, -0.133903, 3.141348), (0.493652, -0.255973, 1.658920), (0.523650, 0.204937, 3.210625),
+        (0.277730, 0.193389, 3.177308), 3),
+    999: ((0.460686, -0.191743, 2.886504), (0.326378, -0.247169, 2.709934), (0.276237, 0.198186, 3.044617),
+          (0.524155, 0.194293, 3.207709), 0),
+    100000: ((0.357512, -0.197526, 2.074992), (0.461907, -0.156383, 2.181184), (0.524908, 0.197813, 3.183953),
+             (0.279227, 0.194706, 3.245971), 2),
+    100049: ((0.330778, -0.153448, 1.628856), (0.446718, -0.143891, 2.164808), (0.279750, 0.194887, 3.237575),
+             (0.515829, 0.202295, 3.125400), 2),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", GOLDEN)
+def test_scenes_are_those_of_the_original_environment(seed):
+    scene = draw_scene(seed)
+    *poses, mode = GOLDEN[seed]
+    assert np.stack([scene.block, scene.block2, scene.target, scene.target2]) == pytest.approx(
+        np.array(poses), abs=1e-6
+    )
+    assert scene.mode == mode
+
+
+def test_blocks_start_apart_and_targets_lie_near_and_far():
+    for seed in range(200):
+        scene = draw_scene(seed)
+        assert abs(scene.block[0] - scene.block2[0]) > MIN_BLOCK_DISTANCE
+        assert sorted([scene.target[0], scene.target2[0]]) == pytest.approx([0.28, 0.52], abs=0.005)
+
+
+def test_every_plan_of_the_oracle_is_drawn_about_equally_often():
+    counts = np.bincount([draw_scene(seed).mode for seed in range(1000)], minlength=4)
+    assert counts.min() > 200
+
+
+def test_wide_scenes_reach_farther_and_overlap_nowhere():
+    rng = np.random.default_rng(0)
+    scenes = [draw_wide_scene(rng) for _ in range(300)]
+    points = np.array([[s.effector, s.block[:2], s.block2[:2]] for s in scenes])
+    gaps = np.linalg.norm(points - np.roll(points, 1, axis=1), axis=-1)
+    assert gaps.min() > 0.065
+    assert np.ptp(points[:, 0, 0]) > 0.3 and np.ptp(points[:, 0, 1]) > 0.6
