@@ -1,1 +1,5 @@
 """LeRobot finds this module by the distribution's name and so learns our policy and environments."""
+
+from policies.configuration_guided_push import GuidedPushConfig
+
+__all__ = ["GuidedPushConfig"]

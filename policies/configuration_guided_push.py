@@ -1,0 +1,99 @@
+"""What a guided push policy is made of; LeRobot finds the policy by this module's name."""
+
+import math
+from dataclasses import dataclass, field
+
+from lerobot.configs import NormalizationMode, PreTrainedConfig
+from lerobot.optim import AdamWConfig, DiffuserSchedulerConfig
+from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig
+
+
+@PreTrainedConfig.register_subclass("guided_push")
+@dataclass
+class GuidedPushConfig(DiffusionConfig):
+    """A diffusion policy for block pushing: a small denoiser of its own inside LeRobot's `DiffusionPolicy`.
+
+    Unlike in LeRobot's `diffusion`, the horizon starts at the current step, and scaling is part of the model:
+    observations go in and actions come out in metres, so the processors leave numbers alone.
+    """
+
+    n_obs_steps: int = 3
+    horizon: int = 4
+    """Actions predicted at once, the first for the current observation."""
+    n_action_steps: int = 1
+    """Predicted actions that are executed before the next prediction."""
+    normalization_mapping: dict[str, NormalizationMode] = field(
+        default_factory=lambda: {
+            "STATE": NormalizationMode.IDENTITY,
+            "ENV": NormalizationMode.IDENTITY,
+            "ACTION": NormalizationMode.IDENTITY,
+        }
+    )
+    action_unit: float = 0.03
+    """Action that the denoiser calls 1, in [m]; the oracle's largest step. Actions are clipped to ±1 unit."""
+
+    trunk_width: int = 336
+    trunk_blocks: int = 3
+    """Residual blocks that read the observation, once per chunk."""
+    head_width: int = 128
+    head_blocks: int = 2
+    """Modulated residual blocks that denoise, once per denoising step."""
+
+    noise_scheduler_type: str = "DDIM"
+    """Sampler: DDIM (deterministic given the initial noise) or DDPM."""
+    num_inference_steps: int | None = 10
+    """Denoising steps per chunk; None means all `num_train_timesteps`."""
+
+    guidance_scale: float = 0.0
+    """The paper's lambda: how much of the energy's slope is added to the predicted noise; 0 turns it off."""
+    energy_field: str | None = None
+    """Path of a saved `richmap.energy.EnergyField`; needed if `guidance_scale` is not 0."""
+
+    noise_draws: int = 4
+    """Noise levels drawn per observation in training: the trunk runs once for all of them."""
+    permute: bool = True
+    """Relabel blocks and targets at random in training: an exact symmetry of the task."""
+    average_decay: float = 0.9995
+    """Decay per step of the moving average of the weights; checkpoints hold the average."""
+    optimizer_lr: float = 1e-3
+    optimizer_betas: tuple = (0.9, 0.99)
+    optimizer_weight_decay: float = 1e-4
+    optimizer_grad_clip_norm: float = 1.0
+    scheduler_warmup_steps: int = 300
+
+    drop_n_last_frames: int = 0
+    do_mask_loss_for_padding: bool = True
+    down_dims: tuple[int, ...] = (8,)
+    """Unused: LeRobot's constructor builds a U-Net, which the denoiser replaces."""
+    push_to_hub: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 1 <= self.n_action_steps <= self.horizon:
+            raise ValueError(
+                f"n_action_steps must lie between 1 and horizon={self.horizon}. Got {self.n_action_steps}."
+            )
+        if not math.isfinite(self.guidance_scale):
+            raise ValueError(f"guidance_scale must be a finite number. Got {self.guidance_scale}.")
+        if self.guidance_scale != 0 and self.energy_field is None:
+            raise ValueError(
+                f"guidance_scale={self.guidance_scale} needs a field: "
+                "set energy_field to the path of a saved EnergyField."
+            )
+
+    @property
+    def action_delta_indices(self) -> list[int]:
+        """Steps of the predicted actions relative to the current observation."""
+        return list(range(self.horizon))
+
+    def get_optimizer_preset(self) -> AdamWConfig:
+        return AdamWConfig(
+            lr=self.optimizer_lr,
+            betas=tuple(self.optimizer_betas),
+            eps=self.optimizer_eps,
+            weight_decay=self.optimizer_weight_decay,
+            grad_clip_norm=self.optimizer_grad_clip_norm,
+        )
+
+    def get_scheduler_preset(self) -> DiffuserSchedulerConfig:
+        return DiffuserSchedulerConfig(name="cosine", num_warmup_steps=self.scheduler_warmup_steps)

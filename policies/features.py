@@ -1,0 +1,77 @@
+"""What the denoiser sees of an observation, relative to the commanded effector, and the task's symmetries.
+
+Layouts, as in the environments (world frame, metres and radians):
+    state        effector x, y (measured), effector x, y (commanded)
+    environment  block x, y, yaw; block2 x, y, yaw; target x, y, yaw; target2 x, y, yaw
+"""
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+TABLE_CENTRE = (0.4, 0.0)
+"""Origin of absolute positions, in [m]."""
+START = (0.3, -0.4)
+"""Where every episode starts and the oracle returns to between blocks, in [m]."""
+FAR, NEAR, TOUCHING = 0.15, 0.04, 0.012
+"""Scales that resolve an offset, in [m]: across the table, one block, the last approach."""
+STEP, LAG = 0.03, 0.005
+"""Sizes of one step and of the tracking error, in [m]."""
+
+
+def permute(
+    environment: Float[Tensor, "b t 12"], swap_blocks: Bool[Tensor, " b"], swap_targets: Bool[Tensor, " b"]
+) -> Float[Tensor, "b t 12"]:
+    """Exchanges labels of blocks, of targets or of both: the same scene, hence the same action."""
+    first, second, target, target2 = environment.split(3, dim=-1)
+    swap_blocks, swap_targets = swap_blocks[:, None, None], swap_targets[:, None, None]
+    return torch.cat(
+        [
+            torch.where(swap_blocks, second, first),
+            torch.where(swap_blocks, first, second),
+            torch.where(swap_targets, target2, target),
+            torch.where(swap_targets, target, target2),
+        ],
+        dim=-1,
+    )
+
+
+def observation_features(
+    state: Float[Tensor, "b t 4"], environment: Float[Tensor, "b t 12"]
+) -> Float[Tensor, "b features"]:
+    """Unitless features of the last observation, and its differences to the earlier ones.
+
+    Nothing of the oracle's own geometry is in them (its approach points, its yaw error).
+    """
+    measured, commanded = state.split(2, dim=-1)
+    objects = environment.unflatten(-1, (4, 3))  # (b, t, 4, 3)
+    blocks, yaw = objects[:, :, :2, :2], objects[:, :, :2, 2]
+    targets = objects[:, -1, 2:, :2]  # (b, 2, 2)
+    tool, block = commanded[:, -1, None], blocks[:, -1]  # (b, 1, 2), (b, 2, 2)
+    to_target = targets[:, None] - block[:, :, None]  # (b, block, target, 2)
+    centre, start = tool.new_tensor(TABLE_CENTRE), tool.new_tensor(START)
+    groups = [
+        (torch.cat([tool, block, targets], dim=1) - centre) / FAR,
+        *_scales(block - tool, FAR, NEAR, TOUCHING),
+        *_scales(targets - tool, FAR, NEAR),
+        *_scales(start - tool, FAR, NEAR, TOUCHING),
+        *_scales(to_target, FAR, NEAR),
+        (4 * yaw[:, -1]).sin(),  # A cube looks the same after a quarter turn.
+        (4 * yaw[:, -1]).cos(),
+        (measured[:, -1] - commanded[:, -1]) / LAG,
+        commanded.diff(dim=1) / STEP,
+        blocks.diff(dim=1) / STEP,
+        (4 * yaw).sin().diff(dim=1),
+        (4 * yaw).cos().diff(dim=1),
+    ]
+    return torch.cat([group.flatten(1) for group in groups], dim=1)
+
+
+def feature_count(n_obs_steps: int) -> int:
+    """Length of `observation_features` for that many observations."""
+    return observation_features(torch.zeros(1, n_obs_steps, 4), torch.zeros(1, n_obs_steps, 12)).shape[1]
+
+
+def _scales(offset: Tensor, far: float, *near: float) -> list[Tensor]:
+    """An offset in units of the largest scale, and squashed at the smaller ones."""
+    return [offset / far, *(torch.tanh(offset / scale) for scale in near)]

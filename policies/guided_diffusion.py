@@ -1,0 +1,127 @@
+"""LeRobot's diffusion model with the trunk and the denoising head, and a push on the predicted noise."""
+
+from typing import Any
+
+import torch
+import torch.nn.functional as F  # noqa: N812
+from diffusers.schedulers.scheduling_ddim import DDIMScheduler
+from jaxtyping import Float
+from lerobot.policies.diffusion.modeling_diffusion import DiffusionModel
+from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
+from torch import Tensor
+
+from policies.configuration_guided_push import GuidedPushConfig
+from policies.denoiser import DenoisingHead, Trunk
+from policies.features import feature_count, observation_features, permute
+
+
+class GuidedDiffusion(DiffusionModel):
+    """Samples chunks of actions and gives the training loss.
+
+    Both samplers are one chain: DDPM is DDIM with eta = 1 (Song et al., ICLR 2021, Eq. 16), which takes the
+    noise of each step as an argument, so that a rollout can seed it.
+    """
+
+    def __init__(self, config: GuidedPushConfig) -> None:
+        super().__init__(config)
+        horizon, action_dim = config.horizon, config.action_feature.shape[0]
+        self.unet = DenoisingHead(
+            horizon, action_dim, config.head_width, config.head_blocks, config.num_train_timesteps
+        )
+        self.trunk = Trunk(
+            feature_count(config.n_obs_steps),
+            config.trunk_width,
+            config.trunk_blocks,
+            self.unet.n_modulations,
+        )
+        self.eta = 1.0 if config.noise_scheduler_type == "DDPM" else 0.0
+        self.noise_scheduler = DDIMScheduler(
+            num_train_timesteps=config.num_train_timesteps,
+            beta_schedule=config.beta_schedule,
+            clip_sample=config.clip_sample,
+            clip_sample_range=config.clip_sample_range,
+            prediction_type=config.prediction_type,
+        )
+
+    def _prepare_global_conditioning(self, batch: dict[str, Any]) -> Float[Tensor, "b modulations"]:
+        return self.trunk(observation_features(batch[OBS_STATE], batch[OBS_ENV_STATE]))
+
+    def generate_actions(
+        self,
+        batch: dict[str, Any],
+        noise: Float[Tensor, "b ..."] | None = None,
+        push: Float[Tensor, "b 2"] | None = None,
+    ) -> Float[Tensor, "b n_action_steps 2"]:
+        """Sampled actions from the current step on, in [m]."""
+        condition = self._prepare_global_conditioning(batch)
+        actions = self.conditional_sample(len(condition), condition, noise=noise, push=push)
+        return actions[:, : self.config.n_action_steps] * self.config.action_unit
+
+    def conditional_sample(
+        self,
+        batch_size: int,
+        global_cond: Float[Tensor, "b modulations"] | None = None,
+        generator: torch.Generator | None = None,
+        noise: Float[Tensor, "b ..."] | None = None,
+        push: Float[Tensor, "b 2"] | None = None,
+    ) -> Float[Tensor, "b t 2"]:
+        """LeRobot's denoising loop, with the push added to each step's predicted noise.
+
+        Args:
+            batch_size: Rows.
+            global_cond: What the trunk made of each row's observation.
+            generator: Source of noise if `noise` is None.
+            noise: (b, draws, horizon, 2): the initial noise, then that of each step but the last if DDPM.
+            push: Added to the predicted noise of every action of the chunk, in normalised action units.
+        """
+        self.noise_scheduler.set_timesteps(self.num_inference_steps)
+        draws = 1 if self.eta == 0 else self.num_inference_steps
+        shape = (batch_size, draws, self.config.horizon, self.config.action_feature.shape[0])
+        if noise is None:
+            noise = torch.randn(shape, generator=generator)
+        noise = noise.to(global_cond).reshape(shape)
+        sample = noise[:, 0]
+        for i, t in enumerate(self.noise_scheduler.timesteps):
+            level = torch.full((batch_size,), int(t), device=sample.device)
+            output = self.unet(sample, level, global_cond=global_cond)
+            if push is not None:
+                output = self._pushed(output, push, int(t))
+            sample = self.noise_scheduler.step(
+                output,
+                int(t),
+                sample,
+                eta=self.eta,
+                use_clipped_model_output=self.eta > 0,
+                variance_noise=noise[:, (i + 1) % draws],  # The last step has no variance, so any will do.
+            ).prev_sample
+        return sample
+
+    def _pushed(
+        self, output: Float[Tensor, "b t 2"], push: Float[Tensor, "b 2"], t: int
+    ) -> Float[Tensor, "b t 2"]:
+        """Network output with the noise it stands for pushed; one that predicts x0 implies a noise."""
+        if self.config.prediction_type == "epsilon":
+            return output + push[:, None]
+        alpha = self.noise_scheduler.alphas_cumprod[t]
+        return output - ((1 - alpha) / alpha).sqrt() * push[:, None]
+
+    def compute_loss(self, batch: dict[str, Any]) -> Tensor:
+        """Mean squared error of the prediction, over several noise levels per observation.
+
+        Args:
+            batch: observation.state (b, n_obs, 4), observation.environment_state (b, n_obs, 12),
+                action (b, horizon, 2) in [m], action_is_pad (b, horizon).
+        """
+        if self.training and self.config.permute:
+            swap = torch.rand(2, len(batch[ACTION]), device=batch[ACTION].device) < 0.5
+            batch = {**batch, OBS_ENV_STATE: permute(batch[OBS_ENV_STATE], swap[0], swap[1])}
+        draws = self.config.noise_draws
+        condition = self._prepare_global_conditioning(batch).repeat_interleave(draws, dim=0)
+        clean = (batch[ACTION] / self.config.action_unit).clamp(-1, 1).repeat_interleave(draws, dim=0)
+        noise = torch.randn_like(clean)
+        level = torch.randint(self.config.num_train_timesteps, (len(clean),), device=clean.device)
+        noisy = self.noise_scheduler.add_noise(clean, noise, level)
+        target = noise if self.config.prediction_type == "epsilon" else clean
+        loss = F.mse_loss(self.unet(noisy, level, global_cond=condition), target, reduction="none")
+        inside = ~batch["action_is_pad"].repeat_interleave(draws, dim=0)[..., None]
+        return (loss * inside).sum() / (inside.sum() * loss.shape[-1])

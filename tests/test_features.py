@@ -1,0 +1,66 @@
+"""The task's symmetries, and what the features leave out."""
+
+import math
+
+import pytest
+import torch
+
+from policies.features import feature_count, observation_features, permute
+
+YES, NO = torch.ones(5, dtype=torch.bool), torch.zeros(5, dtype=torch.bool)
+
+
+@pytest.fixture
+def observation():
+    generator = torch.Generator().manual_seed(0)
+    state = torch.rand(5, 3, 4, generator=generator)
+    environment = torch.rand(5, 3, 12, generator=generator)
+    return state, environment
+
+
+@pytest.mark.parametrize("swap", [(YES, NO), (NO, YES), (YES, YES)])
+def test_relabelling_twice_changes_nothing(observation, swap):
+    _, environment = observation
+    assert torch.equal(permute(permute(environment, *swap), *swap), environment)
+
+
+def test_relabelling_keeps_blocks_blocks_and_targets_targets(observation):
+    _, environment = observation
+    swapped = permute(environment, YES, NO)
+    assert torch.equal(swapped[..., 0:3], environment[..., 3:6])
+    assert torch.equal(swapped[..., 6:], environment[..., 6:])
+
+
+def test_rows_are_relabelled_one_by_one(observation):
+    _, environment = observation
+    some = torch.tensor([True, False, True, False, False])
+    swapped = permute(environment, some, some)
+    assert torch.equal(swapped[~some], environment[~some])
+    assert torch.equal(swapped[some], permute(environment, YES, YES)[some])
+
+
+def test_relabelling_only_reorders_the_features(observation):
+    state, environment = observation
+    plain = observation_features(state, environment).sort(dim=1).values
+    relabelled = observation_features(state, permute(environment, YES, YES)).sort(dim=1).values
+    assert torch.allclose(plain, relabelled)
+
+
+def test_a_quarter_turn_of_a_cube_is_not_seen(observation):
+    state, environment = observation
+    turned = environment.clone()
+    turned[..., 2] += math.pi / 2
+    torch.testing.assert_close(
+        observation_features(state, turned), observation_features(state, environment), atol=1e-5, rtol=0
+    )
+
+
+def test_the_yaw_of_a_target_is_not_seen(observation):
+    state, environment = observation
+    turned = environment.clone()
+    turned[..., [8, 11]] += 0.1
+    assert torch.equal(observation_features(state, turned), observation_features(state, environment))
+
+
+def test_one_observation_is_enough():
+    assert feature_count(1) < feature_count(3)
