@@ -1,0 +1,189 @@
+"""Demonstrations: the scripted oracle on the source arm, stored as a LeRobotDataset.
+
+    python -m benchmark.collect
+
+The oracle's action is always the label. In the disturbed kinds another action is executed now and then
+(DART, Laskey et al., CoRL 2017), so that the data show how to come back from mistakes. They are not the
+published data.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+import threading
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from benchmark.demonstration import Demonstration
+
+EPISODES_PER_CHUNK = 5
+"""Episodes that are stored at once: what a killed worker loses."""
+
+
+@dataclass
+class CollectConfig:
+    """Which demonstrations the oracle gives; with all shares 0 clean ones alone, like the published data."""
+
+    robot: str = "xarm6"
+    episodes: int = 1000
+    """Number of demonstrations, all of them successful."""
+    seed_start: int = 0
+    """Seed of the first episode's scene; seeds 0 to 999 are for demonstrations."""
+    share_noise: float = 0.25
+    """Share of episodes with Gaussian noise on the executed action now and then."""
+    share_bursts: float = 0.4
+    """Share of episodes with that noise, and bursts of a few steps in a wrong direction."""
+    share_wide: float = 0.25
+    """Share of episodes like the last kind that also start from scenes all over the table."""
+    output_dir: str = "demonstrations/robust"
+    workers: int = 2
+    """Processes that simulate; the data do not depend on it."""
+
+    def __post_init__(self) -> None:
+        shares = (self.share_noise, self.share_bursts, self.share_wide)
+        if min(shares) < 0 or sum(shares) > 1 + 1e-9:
+            raise ValueError(f"Shares must be 0 or more and sum to 1 at most. Got {shares}.")
+        if self.episodes < 1 or self.workers < 1:
+            raise ValueError(f"episodes and workers must be 1 or more. Got {self.episodes}, {self.workers}.")
+
+    @property
+    def recipe(self) -> dict[str, object]:
+        """What decides the data: everything but where they are stored and how many processes work."""
+        return {key: value for key, value in asdict(self).items() if key not in ("output_dir", "workers")}
+
+
+def collect(config: CollectConfig) -> Path:
+    """Collects the demonstrations if they are not there yet, and gives their folder.
+
+    A run that was killed goes on with the chunks of episodes that it had stored.
+    """
+    root = Path(config.output_dir)
+    if root.exists():
+        _check_recipe(root, config)
+        return root
+    digest = hashlib.sha256(json.dumps(config.recipe, sort_keys=True).encode()).hexdigest()[:12]
+    chunks = root.parent / f".{root.name}-{digest}"
+    chunks.mkdir(parents=True, exist_ok=True)
+    _simulate(config, chunks)
+    _assemble(config, chunks, root)
+    shutil.rmtree(chunks)
+    return root
+
+
+def _check_recipe(root: Path, config: CollectConfig) -> None:
+    recipe = json.loads((root / "meta" / "collect.json").read_text())["recipe"]
+    different = {key: recipe.get(key) for key, value in config.recipe.items() if recipe.get(key) != value}
+    if different:
+        raise FileExistsError(
+            f"{root} holds demonstrations made otherwise ({different}). "
+            "Delete the folder or choose another output_dir."
+        )
+
+
+def _simulate(config: CollectConfig, chunks: Path) -> None:
+    """Fills the folder with one file per chunk of episodes."""
+    import multiprocessing
+    from concurrent.futures import ProcessPoolExecutor, as_completed
+
+    from benchmark.progress import progress_bar
+
+    missing = [chunk for chunk in _chunks(config) if not _chunk_path(chunks, chunk).exists()]
+    done = config.episodes - sum(len(chunk) for chunk in missing)
+    with (
+        progress_bar() as progress,
+        ProcessPoolExecutor(
+            min(config.workers, len(missing) or 1), multiprocessing.get_context("spawn"), _die_with_parent
+        ) as pool,
+    ):
+        task = progress.add_task("Demonstrations", total=config.episodes, completed=done)
+        futures = {pool.submit(_simulate_chunk, config, chunk, chunks): len(chunk) for chunk in missing}
+        try:
+            for future in as_completed(futures):
+                future.result()
+                progress.advance(task, futures[future])
+        except BaseException:
+            pool.shutdown(cancel_futures=True)  # Otherwise an error or Ctrl-C would wait for all the chunks.
+            raise
+
+
+def _simulate_chunk(config: CollectConfig, seeds: range, chunks: Path) -> None:
+    """Worker: one chunk of episodes, stored in one atomic step."""
+    import numpy as np
+
+    from benchmark.demonstration import demonstrate, pack, source_env
+
+    env = source_env(config.robot)
+    episodes = [demonstrate(env, seed, _kind(config, seed)) for seed in seeds]
+    path = _chunk_path(chunks, seeds)
+    partial = path.with_suffix(f".{os.getpid()}.tmp")
+    with open(partial, "wb") as file:
+        np.savez(file, **pack(episodes))
+    os.replace(partial, path)
+
+
+def _kind(config: CollectConfig, seed: int) -> str:
+    """Kind of an episode: drawn by its seed alone, so that more episodes never change the first ones."""
+    import numpy as np
+
+    draw = np.random.default_rng((seed, 0)).random()
+    shares = {"noise": config.share_noise, "bursts": config.share_bursts, "wide": config.share_wide}
+    for kind, share in shares.items():
+        if draw < share:
+            return kind
+        draw -= share
+    return "clean"
+
+
+def _assemble(config: CollectConfig, chunks: Path, root: Path) -> None:
+    """Writes the chunks as a LeRobotDataset, which appears under its name when it is complete."""
+    from benchmark.demonstration_dataset import write_dataset
+
+    partial = root.with_name(f".{root.name}.{os.getpid()}.tmp")
+    write_dataset(_stored(config, chunks), partial, config.robot, config.episodes)
+    (partial / "meta" / "collect.json").write_text(json.dumps({"recipe": config.recipe}, indent=2) + "\n")
+    os.replace(partial, root)
+
+
+def _stored(config: CollectConfig, chunks: Path) -> Iterator["Demonstration"]:
+    import numpy as np
+
+    from benchmark.demonstration import unpack
+
+    for chunk in _chunks(config):
+        with np.load(_chunk_path(chunks, chunk)) as arrays:
+            yield from unpack(arrays)
+
+
+def _chunks(config: CollectConfig) -> list[range]:
+    end = config.seed_start + config.episodes
+    return [
+        range(start, min(start + EPISODES_PER_CHUNK, end))
+        for start in range(config.seed_start, end, EPISODES_PER_CHUNK)
+    ]
+
+
+def _chunk_path(chunks: Path, seeds: range) -> Path:
+    return chunks / f"{seeds.start:06d}-{seeds.stop:06d}.npz"
+
+
+def _die_with_parent() -> None:
+    """Ends a worker when its parent is gone, however that ended: an orphan would wait for work forever."""
+    import multiprocessing
+
+    def watch() -> None:
+        multiprocessing.parent_process().join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def main() -> None:
+    collect(CollectConfig())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,136 @@
+"""One demonstration of the scripted oracle on the source arm."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+
+import gymnasium
+import numpy as np
+from jaxtyping import Bool, Float
+
+from benchmark.disturbance import Disturbance
+from envs.oracle import PLACED, PLANS, Oracle
+from envs.scene import START, Scene, draw_wide_scene
+
+ATTEMPTS = 20
+"""Tries at a successful episode of one seed before giving up."""
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """One successful episode: what was seen, what the oracle would do, what was scored."""
+
+    seed: int
+    kind: str
+    """clean, noise, bursts or wide: what was done to the executed actions and to the scene."""
+    attempts: int
+    """Episodes played until one succeeded."""
+    observations: Float[np.ndarray, "n 16"]
+    """Legacy layout of the environments, in [m] and [rad]."""
+    actions: Float[np.ndarray, "n 2"]
+    """The oracle's action for each observation, in [m]; not always the one executed."""
+    rewards: Float[np.ndarray, " n"]
+    successes: Bool[np.ndarray, " n"]
+    """Whether both blocks were in different targets after the step."""
+
+
+@cache
+def source_env(robot: str) -> gymnasium.Env:
+    """The arm's environment for demonstrations; one for each process, since building it takes seconds."""
+    import envs
+
+    return gymnasium.make(envs.ENVIRONMENTS[robot])
+
+
+def demonstrate(env: gymnasium.Env, seed: int, kind: str) -> Demonstration:
+    """Plays the oracle with the kind's disturbances until an episode succeeds.
+
+    Raises:
+        RuntimeError: No attempt succeeded.
+    """
+    for attempt in range(1, ATTEMPTS + 1):
+        demonstration = _attempt(env, seed, kind, attempt)
+        if demonstration.successes[-1]:
+            return demonstration
+    raise RuntimeError(f"The oracle failed {ATTEMPTS} times with seed {seed} and kind {kind}.")
+
+
+def _attempt(env: gymnasium.Env, seed: int, kind: str, attempt: int) -> Demonstration:
+    rng = np.random.default_rng((seed, attempt))
+    options = {"scene": _wide_scene(rng)} if kind == "wide" else None
+    observation, info = env.reset(seed=seed, options=options)
+    oracle = Oracle(info["mode"])
+    oracle(
+        _as_at_start(observation)
+    )  # It returns to where it first sees itself; let that be the usual start.
+    disturbance = Disturbance(kind, rng)
+    steps = []
+    over = False
+    while not over:
+        label = oracle(observation)
+        executed, restart = disturbance(label)
+        following, reward, terminated, truncated, info = env.step(executed.astype(np.float32))
+        steps.append((observation, label, reward, info["is_success"]))
+        if restart and oracle.phase in ("push", "orient_left", "orient_right"):
+            oracle.phase = "pre_block"
+        observation, over = following, terminated or truncated
+    observations, actions, rewards, successes = (np.array(column) for column in zip(*steps, strict=True))
+    return Demonstration(
+        seed,
+        kind,
+        attempt,
+        observations.astype(np.float32),
+        actions.astype(np.float32),
+        rewards.astype(np.float32),
+        successes.astype(bool),
+    )
+
+
+def _as_at_start(observation: Float[np.ndarray, "16"]) -> Float[np.ndarray, "16"]:
+    """The observation with the commanded effector at the usual start."""
+    observation = observation.copy()
+    observation[8:10] = START
+    return observation
+
+
+def _wide_scene(rng: np.random.Generator) -> Scene:
+    """A wide scene that is not solved already, with a plan that leaves a placed block alone."""
+    while True:
+        scene = draw_wide_scene(rng)
+        placed = {
+            (b, t)
+            for b, block in enumerate((scene.block, scene.block2))
+            for t, target in enumerate((scene.target, scene.target2))
+            if np.linalg.norm(block[:2] - target[:2]) < PLACED
+        }
+        modes = [
+            mode for mode, (first, second) in enumerate(PLANS) if first not in placed and placed <= {second}
+        ]
+        if modes:
+            return replace(scene, mode=int(rng.choice(modes)))
+
+
+def pack(episodes: list[Demonstration]) -> dict[str, np.ndarray]:
+    """Arrays that hold the episodes one after another."""
+    columns = ("observations", "actions", "rewards", "successes")
+    return {
+        "seed": np.array([episode.seed for episode in episodes]),
+        "kind": np.array([episode.kind for episode in episodes]),
+        "attempts": np.array([episode.attempts for episode in episodes]),
+        "length": np.array([len(episode.actions) for episode in episodes]),
+        **{column: np.concatenate([getattr(episode, column) for episode in episodes]) for column in columns},
+    }
+
+
+def unpack(arrays: Mapping[str, np.ndarray]) -> Iterator[Demonstration]:
+    """The episodes that `pack` stored."""
+    ends = np.cumsum(arrays["length"])
+    columns = [arrays[name] for name in ("observations", "actions", "rewards", "successes")]
+    for i, (end, length) in enumerate(zip(ends, arrays["length"], strict=True)):
+        rows = slice(end - length, end)
+        yield Demonstration(
+            int(arrays["seed"][i]),
+            str(arrays["kind"][i]),
+            int(arrays["attempts"][i]),
+            *(column[rows] for column in columns),
+        )

@@ -1,0 +1,48 @@
+"""The README of a checkpoint: what it is, how it was made, how to load it."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+TEMPLATE = """# Source policy `{name}`
+
+A guided diffusion policy (LeRobot policy type `guided_push`) for pushing two blocks into two targets with the
+{robot}, from states. The weights are the exponential moving average over training.
+
+- Demonstrations: {episodes} successful episodes of the scripted oracle, {frames} frames: {kinds}.
+  Labels are always the oracle's actions. In all kinds but `clean` another action is executed now and then,
+  and `wide` starts from scenes all over the table: those are not the task's published demonstrations.
+- Augmentation: the task's exact permutations of blocks and targets.
+- Training: {steps} steps of {batch_size} observations, seed {seed}, {precision} products on {device}.
+- Action unit: 1 in the network is {action_unit} m; actions lie between -1 and 1 (minimum -{action_unit} m,
+  maximum {action_unit} m on both axes).
+- Sampler: {sampler} with {sampling_steps} of {training_levels} noise levels, {prediction} prediction.
+
+Made by `python -m benchmark.train` with
+
+```json
+{config}
+```
+
+Load it with `GuidedPushPolicy.from_pretrained(folder)`, or evaluate it with LeRobot:
+
+    lerobot-eval --policy.path=<this folder> --env.type=guided_push --env.task=BlockPush-xArm6-v0 \\
+        --eval.n_episodes=50 --seed=50000
+
+Licence: MIT, like the code that made it.
+"""
+
+
+def write_model_card(
+    folder: Path, name: str, facts: Mapping[str, object], config: Mapping[str, object]
+) -> None:
+    """Writes README.md beside the weights.
+
+    Args:
+        folder: Checkpoint folder.
+        name: Name of the checkpoint, such as seed42-1.
+        facts: What the template asks for and the configuration does not say.
+        config: The training configuration, as plain values.
+    """
+    text = TEMPLATE.format(name=name, config=json.dumps(config, indent=2), **facts)
+    (folder / "README.md").write_text(text)

@@ -1,0 +1,176 @@
+"""Training of one source policy with LeRobot's own pieces, on demonstrations that are held in memory.
+
+    python -m benchmark.train
+
+LeRobot's data loader takes milliseconds per sample, more than the network; everything else is LeRobot's: the
+policy and its presets, the update, the checkpoint. `lerobot-train` does the same, sample by sample.
+"""
+
+import os
+import shutil
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from benchmark.collect import CollectConfig, collect
+
+if TYPE_CHECKING:
+    from lerobot.configs.train import TrainPipelineConfig
+
+    from benchmark.demonstration_tensors import DemonstrationTensors
+
+
+@dataclass
+class TrainConfig:
+    """How one source policy is trained."""
+
+    seed: int = 42
+    """Training seed: initial weights, order of the data, noise."""
+    steps: int = 9000
+    batch_size: int = 256
+    """Observations per step; each meets `GuidedPushConfig.noise_draws` noise levels."""
+    precision: str = "bfloat16"
+    """Arithmetic of the matrix products: bfloat16 or float32."""
+    device: str = "cpu"
+    """cpu or cuda."""
+    threads: int = 1
+    """CPU threads of the arithmetic; the result depends on it in the last digits."""
+    save_every: int = 1000
+    """Steps between two states that a killed run can go on from; about half a minute."""
+    policy: dict[str, Any] = field(default_factory=dict)
+    """Fields of `GuidedPushConfig` that differ from its defaults."""
+    demonstrations: CollectConfig = field(default_factory=CollectConfig)
+    output_dir: str = "outputs/checkpoints"
+    """Folder in which the checkpoint gets a folder named after the seed."""
+
+    def __post_init__(self) -> None:
+        if self.precision not in ("bfloat16", "float32"):
+            raise ValueError(f"precision must be bfloat16 or float32. Got {self.precision}.")
+
+    @property
+    def checkpoint(self) -> Path:
+        return Path(self.output_dir) / f"seed{self.seed}-1"
+
+
+def train(config: TrainConfig) -> Path:
+    """Trains a policy, demonstrations included, and gives the checkpoint's folder.
+
+    A run that was killed goes on from the last state it had stored, exactly as if nothing had happened.
+
+    Raises:
+        FileExistsError: The checkpoint is there already.
+    """
+    if config.checkpoint.exists():
+        raise FileExistsError(f"{config.checkpoint} exists. Delete it or choose another output_dir.")
+    root = collect(config.demonstrations)
+    os.environ.setdefault("HF_HUB_OFFLINE", "1")  # Nothing here needs the hub.
+    import torch
+
+    from benchmark.demonstration_tensors import load_demonstrations
+
+    torch.set_num_threads(config.threads)
+    demonstrations = load_demonstrations(root)
+    pipeline = _pipeline(config, root)
+    state = _optimise(config, pipeline, demonstrations)
+    _publish(state, config, pipeline, demonstrations)
+    shutil.rmtree(pipeline.output_dir)
+    return config.checkpoint
+
+
+def _pipeline(config: TrainConfig, root: Path) -> "TrainPipelineConfig":
+    """The same run in LeRobot's terms; it is stored in the checkpoint."""
+    from lerobot.configs.default import DatasetConfig
+    from lerobot.configs.train import TrainPipelineConfig
+
+    from policies.configuration_guided_push import GuidedPushConfig
+
+    policy = GuidedPushConfig(device=config.device, **config.policy)
+    return TrainPipelineConfig(
+        DatasetConfig(f"local/{root.name}", root=str(root), video_backend="pyav"),
+        policy=policy,
+        output_dir=config.checkpoint.with_name(f".{config.checkpoint.name}"),
+        seed=config.seed,
+        batch_size=config.batch_size,
+        steps=config.steps,
+        save_freq=config.save_every,
+        env_eval_freq=0,
+        optimizer=policy.get_optimizer_preset(),
+        scheduler=policy.get_scheduler_preset(),
+    )
+
+
+def _optimise(
+    config: TrainConfig, pipeline: "TrainPipelineConfig", demonstrations: "DemonstrationTensors"
+) -> Path:
+    """All steps, from the stored state if there is one; gives the folder of the last state."""
+    from accelerate import Accelerator
+    from lerobot.optim.factory import make_optimizer_and_scheduler
+    from lerobot.policies import make_policy, make_pre_post_processors
+    from lerobot.scripts.lerobot_train import update_policy
+    from lerobot.utils.logging_utils import AverageMeter, MetricsTracker
+    from lerobot.utils.random_utils import set_seed
+
+    from benchmark.progress import progress_bar
+    from benchmark.training_state import last_state, load_state, save_state
+
+    set_seed(config.seed)
+    policy = make_policy(pipeline.policy, ds_meta=demonstrations.meta)
+    processors = make_pre_post_processors(pipeline.policy, dataset_stats=demonstrations.meta.stats)
+    optimizer, scheduler = make_optimizer_and_scheduler(pipeline, policy)
+    state = last_state(pipeline.output_dir)
+    first = load_state(state, policy, optimizer, scheduler) if state else 0
+    accelerator = Accelerator(
+        step_scheduler_with_optimizer=False,
+        mixed_precision="bf16" if config.precision == "bfloat16" else "no",
+        cpu=config.device == "cpu",
+    )
+    ready, ready_optimizer, ready_scheduler = accelerator.prepare(policy, optimizer, scheduler)
+    meters = {name: AverageMeter(name) for name in ("loss", "grad_norm", "lr", "update_s", "gpu_mem_gb")}
+    tracker = MetricsTracker(config.batch_size, demonstrations.n_frames, demonstrations.n_episodes, meters)
+    with progress_bar() as progress:
+        task = progress.add_task("Training", total=config.steps, completed=first)
+        for step in range(first, config.steps):
+            batch = processors[0](demonstrations.batch(config.seed, step, config.batch_size, pipeline.policy))
+            clip = pipeline.optimizer.grad_clip_norm
+            update_policy(tracker, ready, batch, ready_optimizer, clip, accelerator, ready_scheduler)
+            progress.update(task, advance=1, description=f"Training, loss {tracker.loss.avg:.4f}")
+            if (step + 1) % config.save_every == 0 or step + 1 == config.steps:
+                state = save_state(
+                    pipeline.output_dir, step + 1, pipeline, policy, optimizer, scheduler, processors
+                )
+                tracker.reset_averages()
+    return state
+
+
+def _publish(
+    state: Path, config: TrainConfig, pipeline: "TrainPipelineConfig", demonstrations: "DemonstrationTensors"
+) -> None:
+    """Puts the policy of a state where checkpoints belong, with its card, in one atomic move."""
+    from benchmark.model_card import write_model_card
+
+    partial = config.checkpoint.with_name(f".{config.checkpoint.name}.tmp")
+    shutil.rmtree(partial, ignore_errors=True)
+    shutil.copytree(state / "pretrained_model", partial)
+    policy = pipeline.policy
+    facts = {
+        "robot": demonstrations.meta.robot_type,
+        "episodes": demonstrations.n_episodes,
+        "frames": demonstrations.n_frames,
+        "kinds": ", ".join(f"{count} {kind}" for kind, count in demonstrations.kinds.items()),
+        "action_unit": policy.action_unit,
+        "sampler": policy.noise_scheduler_type,
+        "sampling_steps": policy.num_inference_steps,
+        "training_levels": policy.num_train_timesteps,
+        "prediction": policy.prediction_type,
+    }
+    values = asdict(config)
+    write_model_card(partial, config.checkpoint.name, {**facts, **values}, values)
+    os.replace(partial, config.checkpoint)
+
+
+def main() -> None:
+    train(TrainConfig())
+
+
+if __name__ == "__main__":
+    main()

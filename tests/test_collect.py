@@ -1,0 +1,87 @@
+"""Demonstrations: what is in them, and that collecting can be killed and repeated."""
+
+import json
+
+import numpy as np
+import pytest
+from lerobot.datasets import LeRobotDataset
+
+from benchmark.collect import CollectConfig, collect
+from benchmark.demonstration import Demonstration, demonstrate, pack, source_env, unpack
+
+KINDS = ("clean", "noise", "bursts", "wide")
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("demonstrations") / "few"
+    return CollectConfig(
+        episodes=2, share_noise=0.5, share_bursts=0.0, share_wide=0.5, workers=1, output_dir=str(folder)
+    )
+
+
+@pytest.fixture(scope="module")
+def root(config):
+    return collect(config)
+
+
+def test_a_dataset_holds_one_successful_episode_of_each_seed(root):
+    dataset = LeRobotDataset(f"local/{root.name}", root=root, video_backend="pyav")
+    columns = dataset.hf_dataset.with_format("numpy")[:]
+    assert dataset.fps == 10
+    assert list(dict.fromkeys(columns["seed"])) == [0, 1]
+    assert columns["next.done"].sum() == columns["next.success"].sum() == 2
+    assert (columns["next.done"] == columns["next.success"]).all()
+    assert set(columns["kind"]) <= {"noise", "wide"}
+
+
+def test_collecting_again_changes_nothing(root, config):
+    before = (root / "meta" / "info.json").stat().st_mtime_ns
+    assert collect(config) == root
+    assert (root / "meta" / "info.json").stat().st_mtime_ns == before
+
+
+def test_other_settings_need_another_folder(root, config):
+    with pytest.raises(
+        FileExistsError, match="made otherwise.*Delete the folder or choose another output_dir"
+    ):
+        collect(CollectConfig(episodes=3, output_dir=config.output_dir))
+
+
+def test_the_recipe_is_stored_with_the_data(root, config):
+    assert json.loads((root / "meta" / "collect.json").read_text())["recipe"] == config.recipe
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_demonstration_depends_on_its_seed_alone(kind):
+    env = source_env("xarm6")
+    once, again = demonstrate(env, 3, kind), demonstrate(env, 3, kind)
+    assert np.array_equal(once.observations, again.observations)
+    assert np.array_equal(once.actions, again.actions)
+    assert once.successes[-1] and not once.successes[:-1].any()
+
+
+def test_packing_keeps_every_episode():
+    rng = np.random.default_rng(0)
+    episodes = [
+        Demonstration(
+            seed,
+            "noise",
+            2,
+            rng.random((n, 16), dtype=np.float32),
+            rng.random((n, 2), dtype=np.float32),
+            rng.random(n, dtype=np.float32),
+            rng.random(n) < 0.5,
+        )
+        for seed, n in ((5, 3), (6, 1), (7, 4))
+    ]
+    for before, after in zip(episodes, unpack(pack(episodes)), strict=True):
+        assert (before.seed, before.kind, before.attempts) == (after.seed, after.kind, after.attempts)
+        for name in ("observations", "actions", "rewards", "successes"):
+            assert np.array_equal(getattr(before, name), getattr(after, name))
+
+
+@pytest.mark.parametrize("fields", [{"share_noise": 1.2}, {"share_wide": -0.1}, {"episodes": 0}])
+def test_impossible_settings_are_refused(fields):
+    with pytest.raises(ValueError, match="must be"):
+        CollectConfig(**fields)

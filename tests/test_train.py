@@ -1,0 +1,110 @@
+"""Training: batches from memory, states to go on from, checkpoints that load; and LeRobot's own command."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+from lerobot.datasets import LeRobotDataset
+from lerobot.policies import make_pre_post_processors
+
+from benchmark.collect import CollectConfig
+from benchmark.demonstration import Demonstration
+from benchmark.demonstration_dataset import write_dataset
+from benchmark.demonstration_tensors import DemonstrationTensors, load_demonstrations
+from benchmark.train import TrainConfig, train
+from policies.configuration_guided_push import GuidedPushConfig
+from policies.modeling_guided_push import GuidedPushPolicy
+
+SMALL = {"trunk_width": 8, "head_width": 8}
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    rng = np.random.default_rng(0)
+
+    def episode(seed: int, length: int) -> Demonstration:
+        observations = rng.uniform(0.2, 0.5, (length, 16)).astype(np.float32)
+        success = np.arange(length) == length - 1
+        actions = (0.35 - observations[:, 8:10]) / 10
+        return Demonstration(seed, "clean", 1, observations, actions, success.astype(np.float32), success)
+
+    root = tmp_path_factory.mktemp("demonstrations") / "synthetic"
+    write_dataset([episode(0, 8), episode(1, 5)], root, "xarm6", 2)
+    (root / "meta" / "collect.json").write_text(json.dumps({"recipe": CollectConfig().recipe}))
+    return root
+
+
+def config(root, folder, **fields) -> TrainConfig:
+    return TrainConfig(
+        **{"steps": 4, "batch_size": 8, "save_every": 2, "policy": SMALL, **fields},
+        demonstrations=CollectConfig(output_dir=str(root)),
+        output_dir=str(folder),
+    )
+
+
+def test_batches_are_those_of_lerobots_dataset(root):
+    policy = GuidedPushConfig(device="cpu")
+    deltas = {
+        "observation.state": [i / 10 for i in policy.observation_delta_indices],
+        "observation.environment_state": [i / 10 for i in policy.observation_delta_indices],
+        "action": [i / 10 for i in policy.action_delta_indices],
+    }
+    theirs = LeRobotDataset(f"local/{root.name}", root=root, delta_timestamps=deltas, video_backend="pyav")
+    ours = load_demonstrations(root).window(torch.arange(len(theirs)), policy)
+    for i in range(len(theirs)):
+        for key in ("observation.state", "observation.environment_state", "action", "action_is_pad"):
+            assert torch.equal(theirs[i][key], ours[key][i]), (i, key)
+
+
+def test_a_killed_run_goes_on_as_if_nothing_had_happened(root, tmp_path, monkeypatch):
+    whole = train(config(root, tmp_path / "whole"))
+    batch = DemonstrationTensors.batch
+
+    def killed(self, seed, step, *args):
+        if step == 3:
+            raise KeyboardInterrupt
+        return batch(self, seed, step, *args)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(DemonstrationTensors, "batch", killed)
+        train(config(root, tmp_path / "killed"))
+    resumed = train(config(root, tmp_path / "killed"))
+    assert (resumed / "model.safetensors").read_bytes() == (whole / "model.safetensors").read_bytes()
+
+
+def test_a_checkpoint_loads_and_says_how_it_was_made(root, tmp_path):
+    checkpoint = train(config(root, tmp_path, steps=2, seed=43))
+    assert checkpoint.name == "seed43-1"
+    policy = GuidedPushPolicy.from_pretrained(checkpoint)
+    preprocess, postprocess = make_pre_post_processors(policy.config, str(checkpoint))
+    observation = {
+        "observation.state": torch.zeros(1, 4),
+        "observation.environment_state": torch.zeros(1, 12),
+    }
+    assert postprocess(policy.select_action(preprocess(observation))).shape == (1, 2)
+    card = (checkpoint / "README.md").read_text()
+    assert "2 clean" in card and '"seed": 43' in card and "maximum 0.03 m" in card
+
+
+def test_a_checkpoint_is_never_overwritten(root, tmp_path):
+    (tmp_path / "seed42-1").mkdir()
+    with pytest.raises(FileExistsError, match="seed42-1 exists. Delete it or choose another output_dir"):
+        train(config(root, tmp_path))
+
+
+def test_lerobot_train_finds_the_policy_and_trains_it(root, tmp_path):
+    """From a folder that is not the project's, so that only the installed plugin can be found."""
+    command = f"""-m lerobot.scripts.lerobot_train --policy.type=guided_push --policy.device=cpu
+        --policy.trunk_width=8 --policy.head_width=8 --dataset.repo_id=local/synthetic --dataset.root={root}
+        --batch_size=4 --steps=2 --num_workers=0 --output_dir={tmp_path / "run"} --wandb.enable=false"""
+    environment = os.environ | {"HF_HUB_OFFLINE": "1", "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, *command.split()], cwd=tmp_path, env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    policy = GuidedPushPolicy.from_pretrained(tmp_path / "run" / "checkpoints" / "last" / "pretrained_model")
+    assert policy.config.trunk_width == 8
