@@ -1,5 +1,6 @@
 """The progress bar that every long stage shows."""
 
+from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -10,7 +11,7 @@ from rich.progress import (
 )
 
 
-def progress_bar() -> Progress:
+def progress_bar(console: Console | None = None) -> Progress:
     """A bar with count, time used and time left."""
     return Progress(
         TextColumn("{task.description}"),
@@ -18,4 +19,5 @@ def progress_bar() -> Progress:
         MofNCompleteColumn(),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
+        console=console,
     )

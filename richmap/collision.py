@@ -45,12 +45,17 @@ class SelfCollision:
         touching = self.pair_hits(joints).mean(0)
         self.pairs = [p for p, rate in zip(self.pairs, touching, strict=True) if rate < PERMANENT_CONTACT]
 
-        self._all = _with_pairs(self._geometry, self.pairs)
+        self._moving = _with_pairs(self._geometry, [pair for pair in self.pairs if pair[0] != self._base])
+        self._with_base = _with_pairs(self._geometry, [pair for pair in self.pairs if pair[0] == self._base])
         self._split_base(robot, [b for a, b in self.pairs if a == self._base])
 
     def __call__(self, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, " n"]:
         """Whether each configuration, in [rad], is in self-collision."""
-        return self._any_hit(self._all, joints)
+        hits = self._any_hit(self._moving, joints)
+        near_base = np.flatnonzero(~hits)
+        near_base = near_base[self._any_hit(self._envelope, joints[near_base])]
+        hits[near_base] = self._any_hit(self._with_base, joints[near_base])
+        return hits
 
     def free_turns(
         self, joints: Float[np.ndarray, "n dof"], turns: Float[np.ndarray, "n k"]

@@ -1,10 +1,9 @@
 """Building a map: worker processes sample the workspace, this process inserts their batches in a fixed order."""
 
+import signal
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import count
 from multiprocessing import get_context
 
@@ -53,12 +52,11 @@ def build_map(
     inserter = Inserter(grid, construction.theta, len(robot.joints))
     reached = construction
     below = 0
-    draw = partial(_draw_batch, robot, construction)
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_one_thread) as pool:
-        upcoming = (pool.submit(draw, index) for index in count())
-        queue: deque[Future[WorkspaceSamples]] = deque(next(upcoming) for _ in range(2 * workers))
+    with get_context("spawn").Pool(workers, initializer=_start_worker) as pool:
+        upcoming = (pool.apply_async(_draw_batch, (robot, construction, index)) for index in count())
+        queue = deque(next(upcoming) for _ in range(2 * workers))
         while below < 2:
-            samples = queue.popleft().result()
+            samples = queue.popleft().get()
             queue.append(next(upcoming))
             offered = inserter.offered
             stored = inserter.insert(samples)
@@ -82,8 +80,6 @@ def build_map(
                     reached.independent_rate,
                 )
             )
-        for future in queue:
-            future.cancel()
     return ReachabilityMap.from_rows(grid, *inserter.stored(), reached)
 
 
@@ -92,8 +88,9 @@ def _draw_batch(robot: RobotDescription, construction: Construction, index: int)
     return sample_workspace(robot, rng, construction.batch, construction.turns)
 
 
-def _one_thread() -> None:
-    """Workers share the cores: each computes on one thread."""
+def _start_worker() -> None:
+    """Workers share the cores, so each computes on one thread; Ctrl-C is the main process's."""
     import torch
 
     torch.set_num_threads(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

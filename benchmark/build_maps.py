@@ -1,0 +1,122 @@
+"""Reachability maps and energy fields from the cache, built on first use.
+
+    python -m benchmark.build_maps robot=ur3
+"""
+
+from dataclasses import asdict
+from pathlib import Path
+
+from rich.console import Console
+
+from benchmark.command import run_command
+from benchmark.config import BuildMapsConfig, EnergyConfig, MapConfig
+
+SOURCE = "xarm6"
+"""The arm that policies are trained on; its base frame is the world frame."""
+
+
+def robot_map(name: str, config: MapConfig, workers: int, console: Console):
+    """The robot's `ReachabilityMap`, built if it is not in the cache."""
+    from benchmark.cache import cached, fingerprint
+    from richmap import collision, construction, directions, grid, insertion, reachability_map, robot, sampling
+
+    description = robot.load_robot(name)
+    cells = grid.Grid.around_base(config.cell_size, config.half_width, config.z_offset)
+    asked = reachability_map.Construction(
+        robot=name,
+        robot_fingerprint=description.fingerprint,
+        theta=config.theta,
+        seed=config.seed,
+        batch=config.batch,
+        turns=config.turns,
+        stop_rate=config.stop_rate,
+    )
+    code = [collision, construction, directions, grid, insertion, reachability_map, robot, sampling]
+    key = fingerprint({"grid": asdict(cells), "construction": asdict(asked)}, code)
+
+    def build() -> reachability_map.ReachabilityMap:
+        with MapProgress(name, config.stop_rate, console) as progress:
+            return construction.build_map(description, cells, asked, workers, progress.report)
+
+    built, path = cached(f"maps/{name}-{key[:16]}.safetensors", reachability_map.ReachabilityMap.load, build)
+    reached = built.construction
+    console.print(
+        f"Map of {name}: {built.inserted / 1e6:.2f} M directions in {100 * built.occupancy:.1f} % of the cells, batch "
+        f"insertion rate {100 * reached.batch_rate:.2f} % ({100 * reached.independent_rate:.2f} % of independent "
+        f"samples) after {reached.offered / 1e6:.0f} M poses. {path}",
+        soft_wrap=True,
+    )
+    return built
+
+
+def energy_field(target: str, map_config: MapConfig, config: EnergyConfig, workers: int, console: Console):
+    """The `EnergyField` of a target arm against the source, and its path in the cache."""
+    from benchmark.cache import cached, fingerprint
+    from richmap import energy, similarity
+
+    maps = [robot_map(name, map_config, workers, console) for name in dict.fromkeys((SOURCE, target))]
+    source_map, target_map = maps[0], maps[-1]
+    inputs = {
+        "source": source_map.content_hash,
+        "target": target_map.content_hash,
+        "energy": asdict(config),
+    }
+    key = fingerprint(inputs, [similarity, energy])
+
+    def build() -> energy.EnergyField:
+        with console.status(f"Comparing {SOURCE} and {target}"):
+            grid = similarity.similarity(source_map, target_map)
+            about = {"source": SOURCE, "target": target, "fingerprint": key}
+            return energy.EnergyField.from_similarity(grid, energy.EnergySettings(**asdict(config)), about)
+
+    return cached(f"fields/{SOURCE}-{target}-{key[:16]}.safetensors", energy.EnergyField.load, build)
+
+
+class MapProgress:
+    """Live state of a build: the insertion rate falls towards the threshold, and with it the time left."""
+
+    def __init__(self, robot: str, stop_rate: float, console: Console) -> None:
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+        self._stop_rate = stop_rate
+        self._progress = Progress(
+            TextColumn("Map of {task.fields[robot]}"),
+            BarColumn(),
+            TextColumn("insertion rate {task.fields[rate]:.2%} of {task.fields[stop]:.2%}"),
+            TextColumn("{task.fields[millions]:.1f} M directions, {task.fields[occupancy]:.1%} of cells"),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=console,
+        )
+        self._task = self._progress.add_task(
+            "", total=1.0, robot=robot, rate=1.0, stop=stop_rate, millions=0.0, occupancy=0.0
+        )
+
+    def __enter__(self) -> "MapProgress":
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def report(self, progress) -> None:
+        """The insertion rate falls about as 1 / poses, so the share done is stop rate over rate."""
+        done = min(1.0, self._stop_rate / max(progress.batch_rate, 1e-9))
+        self._progress.update(
+            self._task,
+            completed=done,
+            rate=progress.batch_rate,
+            millions=progress.inserted / 1e6,
+            occupancy=progress.occupancy,
+        )
+
+
+def main(config: BuildMapsConfig) -> None:
+    """Build what is missing and say where it is."""
+    console = Console()
+    _, path = energy_field(config.robot.name, config.map, config.energy, config.workers, console)
+    console.print(f"Energy field: {path}", soft_wrap=True)
+
+
+if __name__ == "__main__":
+    run_command(main, BuildMapsConfig, "build_maps")

@@ -1,0 +1,146 @@
+"""The door of every command: settings from the command line through Hydra, one line for what is wrong with them."""
+
+import ast
+import difflib
+import inspect
+import os
+import sys
+import textwrap
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
+
+import hydra
+from hydra.core.config_store import ConfigStore
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+Config = TypeVar("Config")
+
+CONF = Path(__file__).parents[1] / "conf"
+
+PYTHON_NAME = {"lambda": "guidance_scale"}
+"""Settings whose name cannot be a field in Python."""
+
+
+class SettingError(ValueError):
+    """A setting has a value that it cannot have; the message names the setting, the value and what is allowed."""
+
+
+def run_command(main: Callable[[Config], None], schema: type[Config], name: str) -> None:
+    """Read settings `key=value` from the command line into a `schema` and call `main` with it.
+
+    Defaults and descriptions are those of the schema, `conf/<name>.yaml` says how it is composed, `--help` lists it.
+    Wrong settings end the program with status 2 and one line, before anything heavy is imported.
+    """
+    if {"--help", "-h"} & set(sys.argv[1:]):
+        print(_help(name, schema))
+        return
+
+    def enter(config: DictConfig) -> None:
+        try:
+            typed = _typed(config, schema)
+        except SettingError as error:
+            _refuse(error)
+        main(typed)
+
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises instead of printing.
+    ConfigStore.instance().store(f"{name}_schema", _named_as_typed(OmegaConf.structured(schema)))
+    try:
+        _check_arguments([arg for arg in sys.argv[1:] if arg not in ("-m", "--multirun")], schema)
+        hydra.main(version_base="1.3", config_path=str(CONF), config_name=name)(enter)()
+    except (SettingError, HydraException) as error:
+        _refuse(error)
+    except KeyboardInterrupt:
+        print("Interrupted. What was finished is stored; the same command goes on from there.", file=sys.stderr)
+        sys.exit(130)
+
+
+def check_setting(condition: bool, name: str, value: Any, allowed: str) -> None:
+    """Raise `SettingError` unless the condition holds."""
+    if not condition:
+        raise SettingError(f"{name}={value} is not allowed. Allowed: {allowed}.")
+
+
+def setting_texts(schema: type, prefix: str = "") -> dict[str, tuple[str, Any]]:
+    """Description (the docstring below each field) and default of every setting, by its name on the command line."""
+    (body,) = (node.body for node in ast.parse(textwrap.dedent(inspect.getsource(schema))).body)
+    texts = {}
+    for field_node, text_node in zip(body, body[1:], strict=False):
+        if isinstance(field_node, ast.AnnAssign) and isinstance(text_node, ast.Expr):
+            texts[field_node.target.id] = " ".join(text_node.value.value.split())
+    typed_as = {python: name for name, python in PYTHON_NAME.items()}
+    settings = {}
+    for field in fields(schema):
+        name = prefix + typed_as.get(field.name, field.name)
+        if is_dataclass(field.type) and not _is_group(name):
+            settings |= setting_texts(field.type, f"{name}.")
+        else:
+            default = getattr(schema, field.name, None)
+            settings[name] = texts.get(field.name, ""), default
+    return settings
+
+
+def _refuse(error: Exception) -> NoReturn:
+    print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+    sys.exit(2)
+
+
+def _help(name: str, schema: type) -> str:
+    lines = [f"python -m benchmark.{name} [setting=value ...]", "", *textwrap.wrap(inspect.getdoc(schema), 100), ""]
+    for key, (text, default) in setting_texts(schema).items():
+        shown = f"{key}={_default_choice(name, key) if _is_group(key) else default}"
+        lines += [f"  {shown}", *textwrap.wrap(text, 92, initial_indent=" " * 6, subsequent_indent=" " * 6)]
+    return "\n".join(lines)
+
+
+def _check_arguments(arguments: list[str], schema: type) -> None:
+    """Refuse what is no setting, settings that do not exist, and choices that a group does not have."""
+    known = setting_texts(schema)
+    for argument in arguments:
+        try:
+            override = OverridesParser.create().parse_override(argument)
+        except HydraException as error:
+            raise SettingError(f"{argument!r} is not setting=value. Settings: {', '.join(known)}.") from error
+        key = override.key_or_group
+        if key.startswith("hydra"):
+            continue
+        if key not in known:
+            close = difflib.get_close_matches(key, known, n=1)
+            hint = f" Did you mean {close[0]!r}?" if close else ""
+            raise SettingError(f"There is no setting {key!r}.{hint} Settings: {', '.join(known)}.")
+        if _is_group(key) and not override.is_sweep_override():
+            choices = sorted(file.stem for file in (CONF / key).glob("*.yaml"))
+            check_setting(override.value() in choices, key, override.value(), ", ".join(choices))
+
+
+def _typed(config: DictConfig, schema: type[Config]) -> Config:
+    """The composed settings as an object of the schema."""
+    values = {PYTHON_NAME.get(str(key), str(key)): value for key, value in config.items()}
+    texts = setting_texts(schema)
+    try:
+        return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(schema), values))
+    except OmegaConfBaseException as error:
+        key = next((name for name, python in PYTHON_NAME.items() if python == error.full_key), error.full_key)
+        text = texts.get(str(key), ("",))[0]
+        value = OmegaConf.select(config, str(key))
+        raise SettingError(f"{key}={value} is not allowed. {key}: {text}") from error
+
+
+def _named_as_typed(config: DictConfig) -> dict[str, Any]:
+    """The schema's defaults as plain values under the names that people type."""
+    plain = OmegaConf.to_container(config)
+    typed_as = {python: name for name, python in PYTHON_NAME.items()}
+    return {typed_as.get(key, key): value for key, value in plain.items()}
+
+
+def _is_group(key: str) -> bool:
+    return (CONF / key).is_dir()
+
+
+def _default_choice(name: str, group: str) -> str:
+    defaults = OmegaConf.load(CONF / f"{name}.yaml").defaults
+    return next(entry[group] for entry in defaults if not isinstance(entry, str) and group in entry)

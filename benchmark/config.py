@@ -1,0 +1,153 @@
+"""Settings of the benchmark's commands: names, defaults, units and what is allowed."""
+
+import math
+from dataclasses import dataclass, field
+
+from benchmark.command import check_setting
+
+
+@dataclass
+class RobotConfig:
+    """Which arm."""
+
+    name: str = "xarm6"
+
+
+@dataclass
+class MapConfig:
+    """How finely a robot's workspace is divided, and when it counts as full."""
+
+    cell_size: float = 0.05
+    """Edge of a cubic cell (the paper's Delta), in m, above 0."""
+    theta: float = 0.1
+    """Least angle between two directions of a cell, in rad, above 0."""
+    half_width: float = 1.0
+    """The grid spans this far from the base along x and y, and up and down, in m, above 0."""
+    z_offset: float = 0.2
+    """How much the grid is raised against the base, in m."""
+    stop_rate: float = 0.02
+    """Building stops when two batches in a row bring less than this fraction of new directions; between 0 and 1."""
+    batch: int = 8192
+    """Configurations that a worker draws at once; 1 or more."""
+    turns: int = 64
+    """Angles of joint 1 that each configuration is used at (orbit sampling); 1 or more, 1 for plain sampling."""
+    seed: int = 0
+    """Seed of the samples."""
+
+    def __post_init__(self) -> None:
+        for name in ("cell_size", "theta", "half_width"):
+            check_setting(getattr(self, name) > 0, f"map.{name}", getattr(self, name), "a number above 0")
+        check_setting(0 < self.stop_rate < 1, "map.stop_rate", self.stop_rate, "a number between 0 and 1")
+        for name in ("batch", "turns"):
+            check_setting(getattr(self, name) >= 1, f"map.{name}", getattr(self, name), "a whole number >= 1")
+
+
+@dataclass
+class EnergyConfig:
+    """How similarity becomes an energy field; what the paper leaves open."""
+
+    step: float = 0.01
+    """Energy per cell of distance from the similar region (the paper's delta), unitless."""
+    smoothing: float = 1.0
+    """Standard deviation of the Gaussian filter, in cells."""
+    central_radius: float = 0.1
+    """Cells nearer to the base axis than this are never seeds, in m."""
+    empty: str = "unfilled"
+    """Cells that not both arms fill: unfilled or seed."""
+
+    def __post_init__(self) -> None:
+        check_setting(self.empty in ("unfilled", "seed"), "energy.empty", self.empty, "unfilled, seed")
+
+
+@dataclass
+class RunConfig:
+    """Rolls out the xArm6's policy on an arm, without guidance and with it, on the same episodes, and compares."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm that acts: xarm6 (the source itself), ur3, ur5 or ur10."""
+    guidance_scale: float = 0.0
+    """Guidance strength, the paper's lambda: how much of the energy's slope in 1/m is added to the predicted noise in
+    normalised action units; any number >= 0. 0 is direct transfer."""
+    episodes: int = 50
+    """Number of episodes per lambda; a whole number >= 1."""
+    seed: int = 42
+    """Training seed of the policy; picks the checkpoint seed<seed>-1."""
+    setting: str = "embodied"
+    """What the arm may do: embodied (joint limits and self-collision bind, wrist branch per arm) or original (neither
+    binds, wrist-out, as where only the arm is swapped in the original task)."""
+    output_dir: str = "results"
+    """Folder of episodes.parquet."""
+    device: str = "auto"
+    """Where the policy runs: cpu, cuda, or auto (cuda if there is one)."""
+    seed_start: int = 100_000
+    """Seed of the first episode; from 100000 on are test episodes, from 50000 on validation episodes."""
+    sampler: str = "DDIM"
+    """Sampler of the diffusion policy: DDIM or DDPM."""
+    sampling_steps: int = 10
+    """Denoising steps per action chunk; a whole number from 1 to 100."""
+    slots: int = 10
+    """Rows of the batch in which the policy is evaluated; an episode's row and this number are stored with it, since
+    float results depend on the batch's shape. A whole number >= 1."""
+    workers: int = 2
+    """Processes that roll out or sample; results do not depend on it. A whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+    energy: EnergyConfig = field(default_factory=EnergyConfig)
+
+    def __post_init__(self) -> None:
+        scale = self.guidance_scale
+        check_setting(math.isfinite(scale) and scale >= 0, "lambda", scale, "any number >= 0")
+        for name in ("episodes", "slots", "workers"):
+            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_setting(self.seed_start >= 0, "seed_start", self.seed_start, "a whole number >= 0")
+        check_setting(self.setting in ("embodied", "original"), "setting", self.setting, "embodied, original")
+        check_setting(self.device in ("cpu", "cuda", "auto"), "device", self.device, "cpu, cuda, auto")
+        check_setting(self.sampler in ("DDIM", "DDPM"), "sampler", self.sampler, "DDIM, DDPM")
+        steps = self.sampling_steps
+        check_setting(1 <= steps <= 100, "sampling_steps", steps, "a whole number from 1 to 100")
+
+
+@dataclass
+class BuildMapsConfig:
+    """Builds an arm's reachability map and, from the xArm6's and its own, the energy field; both are cached."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm: xarm6, ur3, ur5 or ur10."""
+    workers: int = 2
+    """Processes that sample; the map does not depend on it. A whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+    energy: EnergyConfig = field(default_factory=EnergyConfig)
+
+    def __post_init__(self) -> None:
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+
+
+@dataclass
+class OracleConfig:
+    """Rolls out the scripted oracle on an arm: what the task allows there without a learned policy."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm: xarm6, ur3, ur5 or ur10."""
+    setting: str = "embodied"
+    """What the arm may do: embodied or original (see benchmark.run)."""
+    episodes: int = 300
+    """Number of episodes; a whole number >= 1."""
+    seed_start: int = 50_000
+    """Seed of the first episode."""
+    output_dir: str = "outputs/oracle"
+    """Folder of oracle.json."""
+    workers: int = 2
+    """Processes that roll out; results do not depend on it. A whole number >= 1."""
+
+    def __post_init__(self) -> None:
+        for name in ("episodes", "workers"):
+            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_setting(self.seed_start >= 0, "seed_start", self.seed_start, "a whole number >= 0")
+        check_setting(self.setting in ("embodied", "original"), "setting", self.setting, "embodied, original")
+
+
+@dataclass
+class LeaderboardConfig:
+    """Turns the episodes table into LEADERBOARD.md, both in `output_dir`."""
+
+    output_dir: str = "results"
+    """Folder of episodes.parquet, where LEADERBOARD.md is written."""

@@ -1,0 +1,108 @@
+"""The episodes table: one row per rollout, stored as Parquet, from which everything else is derived."""
+
+import os
+import tempfile
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import pandas as pd
+from filelock import FileLock
+
+from envs.outcome import EpisodeOutcome
+
+IDENTITY = [
+    "robot", "setting", "base", "branch", "self_collision", "joint_limits", "orientation_weight", "method", "lambda",
+    "sampler", "sampling_steps", "checkpoint_hash", "field_fingerprint", "batch_shape", "slot", "episode_seed",
+]  # fmt: skip
+"""Columns that say which episode a row is: a row replaces an older one that agrees in all of them."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What an episode was run with, but for its seed."""
+
+    robot: str
+    setting: str
+    base: str
+    """Position of the arm's base in the world, x y z in [m]."""
+    branch: str
+    """Wrist branch, out or in."""
+    self_collision: bool
+    """Whether links collide with each other."""
+    joint_limits: bool
+    """Whether joints stop at their limits."""
+    orientation_weight: float
+    """Weight of orientation against position in the inverse kinematics, in [m/rad]."""
+    method: str
+    """Guidance: direct (none) or paper (the energy's slope at the flange)."""
+    guidance_scale: float
+    """The paper's lambda; column `lambda`."""
+    sampler: str
+    sampling_steps: int
+    training_seed: int
+    checkpoint: str
+    checkpoint_hash: str
+    """SHA-256 of the checkpoint's weights."""
+    field_fingerprint: str
+    """Fingerprint of the energy field and so of both maps; empty without guidance."""
+    cell_size: float
+    """Edge of the maps' cells, in [m]; NaN without guidance."""
+    batch_shape: int
+    """Rows of the batch in which the policy was evaluated."""
+    code_version: str
+    """SHA-256 of the code that decides an episode, first 12 digits."""
+    commit: str
+    """Git commit of the tree, with + if files were changed; empty outside a checkout."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One rollout: what it was run with, its seed and row in the batch, and what happened."""
+
+    condition: Condition
+    episode_seed: int
+    slot: int
+    """Row of the batch that the episode had."""
+    outcome: EpisodeOutcome
+
+    def row(self) -> dict[str, object]:
+        """The episode as one flat row of the table."""
+        condition = {f.name: getattr(self.condition, f.name) for f in fields(self.condition)}
+        condition["lambda"] = condition.pop("guidance_scale")
+        outcome = {f.name: getattr(self.outcome, f.name) for f in fields(self.outcome)}
+        return {**condition, "episode_seed": self.episode_seed, "slot": self.slot, **outcome}
+
+
+def read_episodes(output_dir: Path) -> pd.DataFrame:
+    """All stored episodes; an empty table with no columns if there are none."""
+    file = output_dir / "episodes.parquet"
+    return pd.read_parquet(file) if file.exists() else pd.DataFrame()
+
+
+def store_episodes(output_dir: Path, episodes: list[Episode]) -> None:
+    """Add episodes to the table, atomically; one that is there already is replaced, never doubled."""
+    output_dir.mkdir(parents=True, exist_ok=True)
+    with FileLock(output_dir / ".episodes.lock"):
+        rows = pd.DataFrame([episode.row() for episode in episodes])
+        table = pd.concat([read_episodes(output_dir), rows], ignore_index=True)
+        table = table.drop_duplicates(IDENTITY, keep="last", ignore_index=True)
+        with tempfile.NamedTemporaryFile(dir=output_dir, suffix=".tmp", delete=False) as file:
+            temporary = Path(file.name)
+        try:
+            table.to_parquet(temporary, index=False)
+            os.replace(temporary, output_dir / "episodes.parquet")
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+def episodes_of(table: pd.DataFrame, condition: Condition) -> pd.DataFrame:
+    """The rows of a condition that this version of the code produced."""
+    if table.empty:
+        return table
+    row = {f.name: getattr(condition, f.name) for f in fields(condition)}
+    row["lambda"] = row.pop("guidance_scale")
+    same = [name for name in IDENTITY if name in row] + ["code_version"]
+    mask = pd.Series(True, index=table.index)
+    for name in same:
+        mask &= table[name] == row[name]
+    return table[mask]

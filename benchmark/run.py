@@ -1,0 +1,90 @@
+"""The main job: what does the xArm6's policy do on this arm, and does guidance help?
+
+    python -m benchmark.run robot=ur3 lambda=0.5
+"""
+
+from pathlib import Path
+
+from benchmark.command import SettingError, run_command
+from benchmark.config import RunConfig
+
+CHECKPOINTS = Path(__file__).parents[1] / "results" / "checkpoints"
+
+
+def main(config: RunConfig) -> None:
+    """Roll out at lambda and at 0 on the same episodes, store every episode, and print the comparison."""
+    checkpoint = checkpoint_folder(config.seed)
+    from rich.console import Console
+
+    from benchmark.report import print_report
+
+    console = Console()
+    scales = sorted({0.0, config.guidance_scale})
+    tables = [run_condition(config, scale, checkpoint, console) for scale in scales]
+    print_report(tables, Path(config.output_dir), console)
+
+
+def checkpoint_folder(seed: int) -> Path:
+    """Folder of the checkpoint with this training seed.
+
+    Raises:
+        SettingError: If there is none.
+    """
+    folder = CHECKPOINTS / f"seed{seed}-1"
+    if not folder.exists():
+        there = ", ".join(sorted(f.name.removeprefix("seed").split("-")[0] for f in CHECKPOINTS.glob("seed*-1")))
+        raise SettingError(
+            f"seed={seed} has no checkpoint. Trained seeds: {there}. Train it: python -m benchmark.train seed={seed}"
+        )
+    return folder
+
+
+def run_condition(config: RunConfig, scale: float, checkpoint: Path, console):
+    """The episodes of one lambda, as rows of the table: the stored ones, and the rest rolled out and stored."""
+    import hashlib
+    import math
+
+    import torch
+
+    from benchmark.build_maps import energy_field
+    from benchmark.progress import progress_bar
+    from benchmark.results import Condition, episodes_of, read_episodes, store_episodes
+    from benchmark.rollout import Rollout, code_version, commit, condition_of_arm, roll_out
+
+    robot, output_dir = config.robot.name, Path(config.output_dir)
+    field, field_path = None, None
+    if scale > 0:
+        field, field_path = energy_field(robot, config.map, config.energy, config.workers, console)
+    condition = Condition(
+        **condition_of_arm(robot, config.setting),
+        method="paper" if scale > 0 else "direct",
+        guidance_scale=scale,
+        sampler=config.sampler,
+        sampling_steps=config.sampling_steps,
+        training_seed=config.seed,
+        checkpoint=checkpoint.name,
+        checkpoint_hash=hashlib.sha256((checkpoint / "model.safetensors").read_bytes()).hexdigest(),
+        field_fingerprint=field.about["fingerprint"] if field else "",
+        cell_size=config.map.cell_size if field else math.nan,
+        batch_shape=config.slots,
+        code_version=code_version(),
+        commit=commit(),
+    )
+    device = config.device
+    if device == "auto":
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+    seeds = range(config.seed_start, config.seed_start + config.episodes)
+    stored = set(episodes_of(read_episodes(output_dir), condition).get("episode_seed", []))
+    missing = [seed for seed in seeds if seed not in stored]
+    with progress_bar(console) as progress:
+        task = progress.add_task(f"{robot}, lambda {scale:g}", total=len(seeds), completed=len(seeds) - len(missing))
+        if missing:
+            for episodes in roll_out(Rollout(condition, checkpoint, field_path, device), missing, config.workers):
+                store_episodes(output_dir, episodes)
+                progress.advance(task, len(episodes))
+    table = episodes_of(read_episodes(output_dir), condition)
+    return table[table.episode_seed.isin(seeds)]
+
+
+if __name__ == "__main__":
+    run_command(main, RunConfig, "run")
