@@ -25,6 +25,10 @@ PUSHER_LENGTH = 0.032
 """From the flange down, in [m]: with the flange at its height of .06 m the pusher ends at .028 m."""
 
 
+SHELL = "0.86 0.87 0.90 1"
+"""Colour of the arms' covers."""
+
+
 @lru_cache
 def register_arm(name: str, visual: bool) -> str:
     """Give robosuite a robot made from `richmap`'s description of this arm; returns the name it is known by there.
@@ -57,9 +61,14 @@ def register_arm(name: str, visual: bool) -> str:
 def _arm_xml(name: str, visual: bool) -> str:
     """MJCF of the arm as robosuite wants it: gravity is compensated, joints are moved by position servos."""
     robot = load_robot(name)
-    root = ET.fromstring(arm_spec(robot, visual=visual).to_xml())
+    spec = arm_spec(robot, visual=visual)
+    spec.compiler.discardvisual = False  # On by default for models that come from a URDF.
+    root = ET.fromstring(spec.to_xml())
     for body in root.iter("body"):
         body.set("gravcomp", "1")
+    for geom in root.iter("geom"):
+        if geom.get("name").endswith("_visual"):
+            geom.set("rgba", SHELL)
     for joint in root.iter("joint"):
         for friction in ("frictionloss", "damping"):
             joint.set(friction, "0")

@@ -1,5 +1,6 @@
 """The robosuite environment: an arm with a pusher at a table with two blocks and two targets."""
 
+import xml.etree.ElementTree as ET
 from collections import OrderedDict
 
 import mujoco
@@ -84,8 +85,9 @@ class BlockPushSimulation(ManipulationEnv):
         option = self.model.root.find("option")
         for key, value in {"timestep": TIMESTEP, "integrator": "implicitfast", "density": 0, "viscosity": 0}.items():
             option.set(key, str(value))
+        ET.SubElement(option, "flag", autoreset="disable")  # MuJoCo would start over in silence when it diverges.
 
-    def _set_contacts_and_limits(self, arm) -> None:
+    def _set_contacts_and_limits(self, arm: ET.Element) -> None:
         for geom in arm.iter("geom"):
             if geom.get("contype") != "0":
                 geom.set("contype", str(ARM_BIT))
@@ -138,6 +140,8 @@ class BlockPushSimulation(ManipulationEnv):
         self.robots[0].control(action, policy_step=True)
         mujoco.mj_step(self.mj_model, self.mj_data, round(1 / CONTROL_FREQUENCY / TIMESTEP))
         mujoco.mj_kinematics(self.mj_model, self.mj_data)
+        if not np.isfinite(self.mj_data.qpos).all():
+            raise FloatingPointError(f"The physics diverged at {self.mj_data.time:.1f} s; joint targets {action} rad.")
         self.timestep += 1
         self.cur_time += self.control_timestep
         return OrderedDict(), 0.0, False, {}

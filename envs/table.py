@@ -70,19 +70,21 @@ def _target_xml(name: str) -> str:
 _TABLE_XML = f"""
 <mujoco model="table">
   <asset>
-    <texture type="skybox" builtin="gradient" rgb1="0.93 0.95 0.98" rgb2="0.70 0.76 0.84" width="256" height="256"/>
-    <texture name="wood" type="2d" builtin="flat" rgb1="0.86 0.83 0.78" rgb2="0.86 0.83 0.78" width="16" height="16"/>
-    <material name="table" texture="wood" reflectance="0.03" specular="0.1" shininess="0.1"/>
+    <texture type="skybox" builtin="gradient" rgb1="0.95 0.96 0.98" rgb2="0.72 0.77 0.84" width="256" height="256"/>
+    <texture name="grid" type="2d" builtin="checker" rgb1="0.60 0.62 0.65" rgb2="0.57 0.59 0.62" width="256"
+             height="256" mark="edge" markrgb="0.66 0.68 0.71"/>
+    <material name="table" texture="grid" texrepeat="10 10" texuniform="true" specular="0.1"/>
+    <material name="mat" rgba="0.30 0.33 0.38 1" specular="0.1" shininess="0.1"/>
   </asset>
   <worldbody>
-    <geom name="floor" type="plane" size="2 2 0.1" material="table" group="1" friction="1 0.005 0.0001"
+    <geom name="floor" type="plane" size="3 3 0.1" material="table" group="1" friction="1 0.005 0.0001"
           solref="0.004 1"/>
-    <geom name="workspace" type="box" pos="0.35 0 0.0001" size="0.2505 0.4995 0.0001" rgba="0.78 0.80 0.84 1"
+    <geom name="workspace" type="box" pos="0.35 0 0.0001" size="0.2505 0.4995 0.0001" material="mat"
           contype="0" conaffinity="0" group="1"/>
     {_target_xml("target")}{_target_xml("target2")}
-    <light name="key" pos="0.8 -0.9 1.8" dir="-0.35 0.55 -1.1" diffuse="0.65 0.65 0.65" specular="0.2 0.2 0.2"/>
-    <light name="fill" pos="0.2 1.2 1.6" dir="0.1 -0.8 -1" diffuse="0.3 0.3 0.32" castshadow="false"/>
-    <camera name="front" pos="1.25 -0.42 0.85" xyaxes="0.42 0.91 0 -0.56 0.26 0.79" fovy="42"/>
+    <light name="key" pos="1.0 -0.8 1.9" dir="-0.45 0.45 -1.1" diffuse="0.7 0.7 0.7" specular="0.2 0.2 0.2"/>
+    <light name="fill" pos="0.3 1.4 1.7" dir="0 -0.9 -1" diffuse="0.4 0.4 0.42" castshadow="false"/>
+    <camera name="front" pos="1.22 -0.3 1.12" xyaxes="0.2827 0.9592 -0 -0.6781 0.1999 0.7073" fovy="42"/>
   </worldbody>
 </mujoco>
 """

@@ -1,0 +1,57 @@
+"""The scripted expert solves the task on the arm it was written for, as the original's does."""
+
+import gymnasium
+import numpy as np
+import pytest
+
+from envs import ENVIRONMENTS
+from envs.oracle import PLANS, Oracle, run_oracle
+from envs.outcome import summarize
+
+
+@pytest.fixture(scope="module")
+def episodes():
+    env = gymnasium.make(ENVIRONMENTS["xarm6"], disable_env_checker=True)
+    return [run_oracle(env, seed) for seed in range(50000, 50030)]
+
+
+def test_it_places_both_blocks_in_as_many_steps_as_the_originals(episodes):
+    outcomes = [summarize(infos) for infos in episodes]
+    assert all(outcome.p2 for outcome in outcomes)
+    assert np.mean([outcome.success_at_end for outcome in outcomes]) > 0.9
+    assert np.mean([outcome.length for outcome in outcomes]) == pytest.approx(114, abs=8)
+
+
+def test_the_arm_follows_its_command_within_six_millimetres(episodes):
+    errors = np.concatenate([[info["tracking_error"] for info in infos] for infos in episodes])
+    assert errors.max() < 0.006
+    assert errors.mean() == pytest.approx(0.0017, abs=0.0005)  # The original's.
+
+
+def test_it_starts_with_the_block_and_the_target_of_its_plan(episodes):
+    for infos in episodes:
+        block, target = PLANS[infos[0]["mode"]][0]
+        outcome = summarize(infos)
+        near = int(infos[0]["target_positions"][:, 0].argmin())
+        assert outcome.first_block == block
+        assert outcome.first_target == ("near" if target == near else "far")
+
+
+def test_it_never_steps_farther_than_its_speed_allows():
+    env = gymnasium.make(ENVIRONMENTS["xarm6"], disable_env_checker=True)
+    observation, info = env.reset(seed=1)
+    oracle, steps = Oracle(info["mode"]), []
+    for _ in range(60):
+        action = oracle(observation)
+        steps.append(np.linalg.norm(action))
+        observation, *_ = env.step(action)
+    assert max(steps) <= 0.035 + 1e-9
+
+
+def test_a_ur3_fails_where_its_reach_ends():
+    env = gymnasium.make(ENVIRONMENTS["ur3"], disable_env_checker=True)
+    outcomes = [summarize(run_oracle(env, seed)) for seed in range(50014, 50020)]
+    causes = {outcome.failure_cause for outcome in outcomes if not outcome.p2}
+    assert causes == {"outer_reach"}
+    failed = [outcome for outcome in outcomes if not outcome.p2]
+    assert all(outcome.tool_tilt_max < np.radians(1) for outcome in failed)

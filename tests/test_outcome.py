@@ -1,0 +1,149 @@
+"""Success, score and causes of failure, on episodes small enough to check by hand."""
+
+import numpy as np
+import pytest
+
+from envs.failure import CAUSES
+from envs.outcome import summarize
+from envs.success import both_placed, inside, rewards, score
+
+TARGETS = np.array([[0.28, 0.2], [0.52, 0.2]])
+
+
+def episode(length=350, **changes):
+    """Infos of an arm that does as told, for nothing; `changes` maps keys to a value or to a function of the step."""
+    still = {
+        "p1": False,
+        "p2": False,
+        "success_at_end": False,
+        "score": 0.0,
+        "mode": 2,
+        "commanded": np.array([0.3, -0.2]),
+        "flange": np.array([0.3, -0.2, 0.06]),
+        "base": np.zeros(3),
+        "tracking_error": 0.002,
+        "ik_residual": 0.0,
+        "joint_limit_margin": 1.0,
+        "self_contact": False,
+        "tool_tilt": 0.0,
+        "block_positions": np.array([[0.35, -0.1, 0.02], [0.47, -0.1, 0.02]]),
+        "block_tilt": np.zeros(2),
+        "target_positions": TARGETS,
+        "block_in_target": np.array([-1, -1]),
+    }
+    return [
+        still | {key: value(step) if callable(value) else value for key, value in changes.items()}
+        for step in range(length + 1)
+    ]
+
+
+def away(x, y, missing):
+    """An arm commanded to (x, y) that stays away from it by `missing`, and whose inverse kinematics knows."""
+    commanded, missing = np.array([x, y]), np.array(missing)
+    length = float(np.linalg.norm(missing))
+    flange = np.append(commanded - missing, 0.06)
+    return {"commanded": commanded, "flange": flange, "tracking_error": length, "ik_residual": length}
+
+
+def moving(step):
+    """Blocks that keep moving about, so that nobody dithers."""
+    shift = 0.03 * np.sin(step / 10)
+    return np.array([[0.35 + shift, -0.1, 0.02], [0.47, -0.1, 0.02]])
+
+
+CASES = {
+    "outer_reach": away(0.6, 0.0, (0.03, 0.0)),
+    "near_base_fold": away(0.16, 0.0, (-0.03, 0.0)),
+    "ik_branch": away(0.4, 0.0, (0.0, 0.03)),
+    "joint_limit": away(0.4, 0.0, (0.03, 0.0)) | {"joint_limit_margin": 0.001},
+    "self_collision": away(0.25, 0.0, (-0.03, 0.0)) | {"self_contact": True, "ik_residual": 0.0},
+    "arm_blocked": away(0.4, 0.0, (0.03, 0.0)) | {"ik_residual": 0.0},
+    "tool_tilt": {"tool_tilt": 0.3},
+    "block_out_of_workspace": {"block_positions": np.array([[0.35, -0.1, 0.02], [0.10, -0.1, 0.02]])},
+    "block_tipped": {"block_tilt": np.array([0.0, np.pi / 2])},
+    "pushed_through": {
+        "block_in_target": lambda step: np.array([1 if 40 < step < 60 else -1, -1]),
+        "p1": True,
+    },
+    "dithering": {},
+    "time_out": {"block_positions": moving},
+}
+
+
+def test_there_is_a_case_of_every_cause():
+    assert set(CASES) == set(CAUSES)
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_each_cause_is_told_from_the_others(cause):
+    assert summarize(episode(**CASES[cause])).failure_cause == cause
+
+
+def test_a_success_has_no_cause_whatever_happened_before():
+    placed = np.array([0, 1])
+    infos = episode(**CASES["outer_reach"] | {"p2": True, "block_in_target": placed})
+    assert summarize(infos).failure_cause is None
+
+
+def test_the_first_of_two_faults_is_the_cause():
+    fold, tilt = CASES["near_base_fold"], {"tool_tilt": lambda step: 0.3 if step > 100 else 0.0}
+    assert summarize(episode(**fold | tilt)).failure_cause == "near_base_fold"
+
+
+def test_a_short_lag_is_nobodys_fault():
+    short = {"tracking_error": lambda step: 0.03 if 10 < step < 18 else 0.002}
+    assert summarize(episode(**short)).failure_cause == "dithering"
+
+
+def test_first_entry_tells_block_target_and_time():
+    infos = episode(block_in_target=lambda step: np.array([-1, 1 if step >= 45 else -1]), p1=True)
+    outcome = summarize(infos)
+    assert (outcome.first_block, outcome.first_target, outcome.first_entry_s) == (1, "far", 4.5)
+
+
+def test_no_entry_leaves_those_columns_empty():
+    outcome = summarize(episode(length=20))
+    assert (outcome.first_block, outcome.first_target, outcome.first_entry_s) == (None, None, None)
+    assert outcome.length == 20 and outcome.mode == 2
+
+
+def test_shares_count_steps_not_the_reset():
+    near, usual = np.array([0.18, 0.0, 0.06]), np.array([0.3, -0.2, 0.06])
+    outcome = summarize(episode(length=10, flange=lambda step: near if 1 <= step <= 4 else usual))
+    assert outcome.share_near_base == outcome.share_rectangle_a == outcome.share_rectangle_b == 0.4
+    assert outcome.share_outer_reach == 0.0
+
+
+def test_an_episode_without_steps_is_refused():
+    with pytest.raises(ValueError, match="at least one step. Got 1 infos"):
+        summarize(episode(length=0))
+
+
+def test_a_block_is_in_a_target_within_five_centimetres_of_its_centre():
+    blocks = TARGETS + [[0.0499, 0], [0.0501, 0]]
+    assert inside(blocks, TARGETS).tolist() == [[True, False], [False, False]]
+
+
+@pytest.mark.parametrize(
+    ("now", "placed"),
+    [
+        ([[1, 0], [0, 1]], True),
+        ([[0, 1], [1, 0]], True),
+        ([[1, 0], [1, 0]], False),
+        ([[1, 0], [0, 0]], False),
+    ],
+)
+def test_both_are_placed_in_different_targets_only(now, placed):
+    assert both_placed(np.array(now, dtype=bool)) is placed
+
+
+def test_an_entry_is_rewarded_once_and_both_blocks_instead_of_an_entry():
+    none, first = np.zeros((2, 2), bool), np.array([[True, False], [False, False]])
+    both = np.array([[True, False], [False, True]])
+    assert rewards(none, first) == (0.49, 0.0)
+    assert rewards(first, first) == (0.0, 0.0)
+    assert rewards(first, both) == (0.0, 0.51)
+
+
+def test_score_is_the_originals():
+    assert [score(False, False), score(True, False), score(True, True)] == [0.0, 0.49, 1.0]
