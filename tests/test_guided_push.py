@@ -7,6 +7,8 @@ from diffusers.schedulers.scheduling_ddpm import DDPMScheduler
 from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
 from lerobot.policies import get_policy_class, make_pre_post_processors
 
+from envs import arms, scene
+from policies import features, modeling_guided_push
 from policies.configuration_guided_push import GuidedPushConfig
 from policies.guidance import EnergyGuidance
 from policies.modeling_guided_push import GuidedPushPolicy
@@ -189,3 +191,8 @@ def test_lerobot_finds_the_policy_and_its_processors(batch):
     preprocess, postprocess = make_pre_post_processors(config, dataset_stats={"action": {"min": 0, "max": 1}})
     assert torch.equal(preprocess(dict(batch))["observation.state"], batch["observation.state"])
     assert torch.equal(postprocess(torch.ones(1, 2)), torch.ones(1, 2))
+
+
+def test_policy_and_environment_speak_of_the_same_places():
+    assert features.START == tuple(scene.START)
+    assert modeling_guided_push.FLANGE_HEIGHT == arms.HEIGHT
