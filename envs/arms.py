@@ -1,5 +1,6 @@
 """What an arm may do in this task: where it stands, how it holds its wrist, what stops it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,8 +15,8 @@ HEIGHT = 0.06
 ORIENTATION_WEIGHT = 1.0
 """Weight of orientation against position in the inverse kinematics, in [m/rad], the same for all arms.
 
-In the original the tool stays upright and its tip lags (tilt below 1 degree on a UR3 beyond its reach); this weight
-does the same.
+In the original the tool stays upright and its tip lags (tilt below 1 degree on a UR3 beyond its reach); this
+weight does the same.
 """
 
 
@@ -29,7 +30,7 @@ class ArmSetting:
     base: tuple[float, float, float]
     """Position of the arm's base, in [m]; the xArm6 of the original stands at the origin."""
     wrist: str
-    """Branch of the wrist, `out` (a UR's usual home) or `in`: whether the flange hangs outside or inside its wrist."""
+    """Branch of the wrist: the flange hangs outside it (`out`, a UR's usual home) or inside (`in`)."""
     self_collision: bool
     """Whether links collide with each other."""
     joint_limits: bool
@@ -54,21 +55,26 @@ SETTINGS = {
 _UR_POSTURES = {"out": (-0.2, -1.2, 1.8, -2.2, -1.57, 0.4), "in": (-0.2, -1.2, 1.8, 0.8, 1.57, -2.8)}
 POSTURES = {
     ("xarm6", "out"): (0.0, 0.7, -1.1, 0.0, 0.4, -4.1),
-    **{(robot, wrist): posture for robot in ("ur3", "ur5", "ur10") for wrist, posture in _UR_POSTURES.items()},
+    **{
+        (robot, wrist): posture for robot in ("ur3", "ur5", "ur10") for wrist, posture in _UR_POSTURES.items()
+    },
 }
-"""Roughly how each arm holds its tool upright in front of it, elbow up, at pan zero, in [rad]: it picks the branch."""
+"""Roughly how each arm holds its tool upright in front of it, elbow up, at pan zero, in [rad]: it picks the
+branch."""
 
 
 ELBOWS = {"xarm6": (-np.inf, np.inf), **{robot: (0.02, np.inf) for robot in ("ur3", "ur5", "ur10")}}
-"""Range of the third joint that keeps the elbow up, in [rad]. A UR's elbow is straight at 0, which it meets at its
-outer reach: past that it would come back elbow down, into the table. The xArm6 never gets there."""
+"""Range of the third joint that keeps the elbow up, in [rad]. A UR's elbow is straight at 0, which it meets
+at its outer reach: past that it would come back elbow down, into the table. The xArm6 never gets there."""
 
 
 def make_kinematics(setting: ArmSetting) -> InverseKinematics:
     """Inverse kinematics that keeps the elbow up and, where they bind, the joint limits."""
     robot = load_robot(setting.robot)
     unlimited = np.full(len(robot.joints), np.inf)
-    lower, upper = (robot.lower.copy(), robot.upper.copy()) if setting.joint_limits else (-unlimited, unlimited)
+    lower, upper = (
+        (robot.lower.copy(), robot.upper.copy()) if setting.joint_limits else (-unlimited, unlimited)
+    )
     straight, folded = ELBOWS[setting.robot]
     lower[2], upper[2] = max(lower[2], straight), min(upper[2], folded)
     return InverseKinematics(robot, np.array(setting.base), setting.orientation_weight, lower, upper)
@@ -77,7 +83,7 @@ def make_kinematics(setting: ArmSetting) -> InverseKinematics:
 def arm_setting(
     robot: str,
     setting: str = "embodied",
-    base: tuple[float, float, float] | None = None,
+    base: Sequence[float] | None = None,
     wrist: str | None = None,
     self_collision: bool | None = None,
     orientation_weight: float | None = None,
@@ -91,15 +97,17 @@ def arm_setting(
         raise ValueError(f"There is no setting {setting!r}. Settings: {', '.join(SETTINGS)}")
     if robot not in SETTINGS[setting]:
         raise ValueError(f"There is no robot {robot!r}. Robots: {', '.join(SETTINGS[setting])}")
+    if base is not None and len(base) != 3:
+        raise ValueError(f"base is x, y, z in metres. Got {len(base)} numbers: {tuple(base)}")
     given = {
-        "base": None if base is None else tuple(float(c) for c in base),
+        "base": None if base is None else tuple(map(float, base)),
         "wrist": wrist,
         "self_collision": self_collision,
         "orientation_weight": orientation_weight,
     }
-    chosen = replace(SETTINGS[setting][robot], **{key: value for key, value in given.items() if value is not None})
-    if len(chosen.base) != 3:
-        raise ValueError(f"base is x, y, z in metres. Got {len(chosen.base)} numbers: {base}")
+    chosen = replace(
+        SETTINGS[setting][robot], **{key: value for key, value in given.items() if value is not None}
+    )
     if not chosen.orientation_weight > 0:
         raise ValueError(f"orientation_weight must be above 0 m/rad. Got {chosen.orientation_weight}")
     if (robot, chosen.wrist) not in POSTURES:
@@ -120,8 +128,8 @@ def start_posture(kinematics: InverseKinematics, setting: ArmSetting) -> Float[n
     posture = kinematics.solve(point, seed, iterations=300, max_turn=np.inf)
     if posture.residual > 1e-4 or kinematics.wrist(posture.joints) != setting.wrist:
         raise ValueError(
-            f"{setting.robot} with its base at {setting.base} m and its wrist {setting.wrist} cannot hold the tool "
-            f"upright over the start (0.3, -0.4) m: it stays {1000 * posture.residual:.0f} mm away. "
+            f"{setting.robot} with its base at {setting.base} m and its wrist {setting.wrist} cannot hold "
+            f"the tool upright over the start (0.3, -0.4) m: it stays {1000 * posture.residual:.0f} mm away. "
             f"Choose another base or wrist."
         )
     return posture.joints

@@ -1,5 +1,7 @@
 """The block-push task as a Gymnasium environment."""
 
+import warnings
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import gymnasium
@@ -12,10 +14,15 @@ from envs.arms import HEIGHT, ORIENTATION_WEIGHT, arm_setting, make_kinematics, 
 from envs.inverse_kinematics import Posture
 from envs.renderer import Renderer
 from envs.scene import START, Scene, draw_scene
-from envs.simulation import BlockPushSimulation
 from envs.success import both_placed, inside, rewards, score
 from envs.workspace import CONTROL_FREQUENCY, WORKSPACE
 from richmap.robot import load_robot
+
+with warnings.catch_warnings():
+    warnings.simplefilter(
+        "ignore", SyntaxWarning
+    )  # From robosuite's own text, when Python first compiles it.
+    from envs.simulation import BlockPushSimulation
 
 MAX_STEP = 0.1
 """Largest step of the commanded effector along an axis, in [m] per control step."""
@@ -30,17 +37,19 @@ Observation = Float[np.ndarray, "16"] | dict[str, np.ndarray]
 class BlockPushEnv(gymnasium.Env):
     """Push two blocks into two targets, one each, with a rod held by an arm. Ten control steps per second.
 
-    Action, 2 numbers in [m]: step of the commanded effector in x and y, clipped to 0.1 each; the command adds up,
-    independent of where the arm really is, and stays in the box x .15 to .70, y -.50 to .50. The flange is kept at
-    z = .06 with the tool upright.
+    Action, 2 numbers in [m]: step of the commanded effector in x and y, clipped to 0.1 each; the command adds
+    up, independent of where the arm really is, and stays in the box x .15 to .70, y -.50 to .50. The flange
+    is kept at z = .06 with the tool upright.
 
-    State, 16 numbers, xy in [m] in the world, yaw in [rad] modulo pi: block x, y, yaw (0-2); block2 (3-5); effector
-    measured x, y (6-7) and commanded x, y (8-9); target x, y, yaw (10-12); target2 (13-15). With
-    `obs_type="environment_state_agent_pos"` it is split into `agent_pos` (6-9) and `environment_state` (the rest).
+    State, 16 numbers, xy in [m] in the world, yaw in [rad] modulo pi: block x, y, yaw (0-2); block2 (3-5);
+    effector measured x, y (6-7) and commanded x, y (8-9); target x, y, yaw (10-12); target2 (13-15). With
+    `obs_type="environment_state_agent_pos"` it is split into `agent_pos` (6-9) and `environment_state` (the
+    rest).
 
-    Reward: 0.49 for every first entry of a block into a target, 0.51 when both blocks are in different targets, which
-    ends the episode. Inside that last step one more second passes with the command held still, after which
-    `info["success_at_end"]` tells whether both are still in; the observation is from before that second.
+    Reward: 0.49 for every first entry of a block into a target, 0.51 when both blocks are in different
+    targets, which ends the episode. Inside that last step one more second passes with the command held still,
+    after which `info["success_at_end"]` tells whether both are still in; the observation is from before that
+    second.
 
     Args:
         robot: `xarm6`, `ur3`, `ur5` or `ur10`.
@@ -62,7 +71,7 @@ class BlockPushEnv(gymnasium.Env):
         self,
         robot: str,
         setting: str = "embodied",
-        base: tuple[float, float, float] | None = None,
+        base: Sequence[float] | None = None,
         wrist: str | None = None,
         self_collision: bool | None = None,
         orientation_weight: float = ORIENTATION_WEIGHT,
@@ -96,7 +105,7 @@ class BlockPushEnv(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode: the scene of this seed (`envs.scene.draw_scene`), or the one given as `options["scene"]`."""
+        """Start an episode: the scene of this seed (`envs.scene.draw_scene`), or `options["scene"]`."""
         super().reset(seed=seed)
         scene = (options or {}).get("scene")
         if scene is None:
@@ -111,9 +120,7 @@ class BlockPushEnv(gymnasium.Env):
         state, info = self._state(), self._info((0.0, 0.0), success_at_end=False)
         return self._observe(state), info
 
-    def step(
-        self, action: Float[np.ndarray, "2"]
-    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Float[np.ndarray, "2"]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Move the command, then let a tenth of a second pass."""
         action = np.asarray(action, dtype=np.float64)
         if action.shape != (2,) or not np.isfinite(action).all():
@@ -154,8 +161,10 @@ class BlockPushEnv(gymnasium.Env):
         return both_placed(inside(self._simulation.blocks_xyz[:, :2], self._targets[:, :2]))
 
     def _posture_over(self, scene: Scene) -> Posture:
-        """Joint angles over the scene's start, reached from the usual start along a line, which keeps the branch."""
-        way = np.linspace(START, scene.effector, 1 + int(np.ceil(np.linalg.norm(scene.effector - START) / 0.02)))
+        """Joint angles over the scene's start, reached from the usual start in short steps: same branch."""
+        way = np.linspace(
+            START, scene.effector, 1 + int(np.ceil(np.linalg.norm(scene.effector - START) / 0.02))
+        )
         posture = Posture(self._start, 0.0, 0.0)
         for point in way:
             posture = self._kinematics.solve(np.array([*point, HEIGHT]), posture.joints)

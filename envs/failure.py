@@ -1,31 +1,35 @@
 """Why an episode failed: one cause, by rules on what `info` recorded.
 
-The first of these events to begin is the cause: a block tipped over, a block left for good where the pusher cannot get
-behind it, the tool tilted, or the arm lost its command, for a reason read off the steps in which it was lost. Without
-such an event the policy is the cause: it pushed a block out of a target again, dithered, or ran out of time.
+The first of these events to begin is the cause: a block tipped over, a block left for good where the pusher
+cannot get behind it, the tool tilted, or the arm lost its command, for a reason read off the steps in which
+it was lost. Without such an event the policy is the cause: it pushed a block out of a target again, dithered,
+or ran out of time.
 """
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 LOST = 0.01
-"""Command and flange are farther apart than this, in [m], when an arm cannot follow; in ordinary motion they are
-3 mm apart at most."""
+"""Command and flange are farther apart than this, in [m], when an arm cannot follow; in ordinary motion they
+are 3 mm apart at most."""
 LASTING = 10
-"""Steps for which a fault must last without a break to count: a second; shorter ones are made good by the policy."""
+"""Steps for which a fault must last without a break to count: a second; shorter ones are made good by the
+policy."""
 TIPPED = np.pi / 4
 """Tilt past which a cube falls onto another face, in [rad]."""
 TOOL_TILTED = np.radians(10)
-"""Tilt, in [rad], at which the pusher's end is 8 mm off where the flange says it is, about the tolerance of a push."""
+"""Tilt, in [rad], at which the pusher's end is 8 mm off where the flange says it is, about the tolerance of a
+push."""
 AT_LIMIT = 0.02
 """A joint this close to its limit, in [rad], is held by it."""
 BEHIND = 0.025
-"""From a block's centre to a pusher that touches it, in [m]: farther outside the workspace than this a block can no
-longer be touched from outside, so not be brought back."""
+"""From a block's centre to a pusher that touches it, in [m]: farther outside the workspace than this a block
+can no longer be touched from outside, so not be brought back."""
 STILL = 0.01
 """A block that moves less than this, in [m], is not being pushed."""
 PATIENCE = 100
-"""Steps at the end of an episode in which no block moved: ten seconds, half of them would finish a demonstration."""
+"""Steps at the end of an episode in which no block moved: ten seconds, half of them would finish a
+demonstration."""
 
 CAUSES = (
     "outer_reach",
@@ -59,7 +63,9 @@ def failure_cause(infos: list[dict], workspace: Float[np.ndarray, "2 2"]) -> str
     return _policy_cause(record)
 
 
-def _events(record: dict[str, np.ndarray], workspace: Float[np.ndarray, "2 2"]) -> list[tuple[int, str] | None]:
+def _events(
+    record: dict[str, np.ndarray], workspace: Float[np.ndarray, "2 2"]
+) -> list[tuple[int, str] | None]:
     """When each event began, with its name; None for those that did not happen."""
     blocks = record["block_positions"][..., :2]  # (t, 2, 2)
     outside = ((blocks < workspace[0] - BEHIND) | (blocks > workspace[1] + BEHIND)).any(axis=(1, 2))
@@ -77,9 +83,10 @@ def _events(record: dict[str, np.ndarray], workspace: Float[np.ndarray, "2 2"]) 
 def _cause_of_loss(record: dict[str, np.ndarray], lost: slice) -> str:
     """What keeps the arm from its command in these steps.
 
-    Links in contact: self-collision. A joint at its limit: that. Inverse kinematics that misses its point: outer
-    reach if the flange is short of it, seen from the base, the fold if it is beyond it, and a stuck branch if it is
-    beside it. Otherwise joints are where they should be and something outside the arm holds it.
+    Links in contact: self-collision. A joint at its limit: that. Inverse kinematics that misses its point:
+    outer reach if the flange is short of it, seen from the base, the fold if it is beyond it, and a stuck
+    branch if it is beside it. Otherwise joints are where they should be and something outside the arm holds
+    it.
     """
     if record["self_contact"][lost].mean() > 0.5:
         return "self_collision"

@@ -1,4 +1,4 @@
-"""Joint angles that hold the tool upright over a point of the table: damped least squares on a model of the arm alone."""
+"""Joint angles that hold the tool upright over a point of the table, by damped least squares."""
 
 from dataclasses import dataclass
 
@@ -15,8 +15,8 @@ CONVERGED = 1e-6
 """Weighted error at which iteration stops, in [m]."""
 FIRST_DAMPING = 1.0
 LEAST_DAMPING = 1e-3
-"""Damping never falls below this, in [m]; above it the damping is the error itself, so that it fades near the goal
-and grows beyond the reach (Sugihara, IEEE Transactions on Robotics 2011)."""
+"""Damping never falls below this, in [m]; above it the damping is the error itself, so that it fades near the
+goal and grows beyond the reach (Sugihara, IEEE Transactions on Robotics 2011)."""
 MAX_TURN = 0.314
 """Most that a joint target moves in one control step, in [rad]: the xArm6's 180 degrees per second."""
 TOOL_DOWN = np.array([0.0, 0.0, 1.0, 0.0])
@@ -36,11 +36,11 @@ class Posture:
 
 
 class InverseKinematics:
-    """Solves for joint angles, starting each time from where the last answer left off, which keeps the branch.
+    """Solves for joint angles, each time from where the last answer left off, which keeps the branch.
 
-    Minimises |p - p*|^2 + w^2 |r|^2, with p the flange in [m], r its rotation from `TOOL_DOWN` in [rad] and w the
-    orientation weight in [m/rad]. At w = 1 an arm that cannot reach gives up position rather than tilt, as the
-    original's does: 10 cm beyond the reach tilt it by about one degree.
+    Minimises |p - p*|^2 + w^2 |r|^2, with p the flange in [m], r its rotation from `TOOL_DOWN` in [rad] and w
+    the orientation weight in [m/rad]. At w = 1 an arm that cannot reach gives up position rather than tilt,
+    as the original's does: 10 cm beyond the reach tilt it by about one degree.
 
     Args:
         robot: The arm.
@@ -88,7 +88,9 @@ class InverseKinematics:
             size = float(error @ error)
             if size < CONVERGED**2:
                 break
-            trial = joints + self._step(error, damping * size + LEAST_DAMPING**2, lower - joints, upper - joints)
+            trial = joints + self._step(
+                error, damping * size + LEAST_DAMPING**2, lower - joints, upper - joints
+            )
             missing = self._error(trial, goal)
             if missing @ missing < size:
                 joints, error, damping = trial, missing, damping / 4
@@ -97,10 +99,12 @@ class InverseKinematics:
                 damping *= 8
         error = self._error(joints, goal)
         down = -self._data.xmat[self._flange, 8]
-        return Posture(joints, float(np.sqrt(error[:3] @ error[:3])), float(np.arccos(min(max(down, -1.0), 1.0))))
+        return Posture(
+            joints, float(np.sqrt(error[:3] @ error[:3])), float(np.arccos(min(max(down, -1.0), 1.0)))
+        )
 
     def wrist(self, joints: Float[np.ndarray, " dof"]) -> str:
-        """Branch of the wrist: "out" if the last link but one carries the last away from the base axis, else "in"."""
+        """Branch of the wrist: "out" if the flange hangs outside its wrist, seen from the base, else "in"."""
         self._data.qpos[:] = joints
         mujoco.mj_kinematics(self._model, self._data)
         last, before = self._data.xanchor[-1], self._data.xanchor[-2]
@@ -113,7 +117,9 @@ class InverseKinematics:
         mujoco.mj_kinematics(self._model, self._data)
         return self._data.xpos[self._flange] + self._base
 
-    def _error(self, joints: Float[np.ndarray, " dof"], goal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6"]:
+    def _error(
+        self, joints: Float[np.ndarray, " dof"], goal: Float[np.ndarray, "3"]
+    ) -> Float[np.ndarray, "6"]:
         """What is missing: position and weighted rotation vector, base frame."""
         data = self._data
         data.qpos[:] = joints
@@ -134,7 +140,7 @@ class InverseKinematics:
         least: Float[np.ndarray, " dof"],
         most: Float[np.ndarray, " dof"],
     ) -> Float[np.ndarray, " dof"]:
-        """Damped least-squares step within bounds; what the bounded joints leave undone the others take over."""
+        """Damped least-squares step within bounds; the other joints take over what bounded ones leave."""
         jacobian = self._jacobian * self._row_weights
         free = _damped_least_squares(jacobian, error, damping)
         step = np.clip(free, least, most)

@@ -26,11 +26,12 @@ STEP = {"orient_left": 0.015, "orient_right": 0.015, "pre_block": 0.03, "return"
 
 
 class Oracle:
-    """Acts on the 16-D observation (`envs.block_push`); believes the commanded position, not the measured one.
+    """Acts on the 16-D observation (`envs.block_push`), on the commanded position, not the measured one.
 
     Phases: `pre_block` (go to the point behind the block), `block` (up to it), `push`; `orient_left` and
-    `orient_right` (turn the block by pushing along a circle about it, when it does not face its target), then again
-    `pre_block`; after the first block `return` (to the first point behind the first block) and `origin`.
+    `orient_right` (turn the block by pushing along a circle about it, when it does not face its target), then
+    again `pre_block`; after the first block `return` (to the first point behind the first block) and
+    `origin`.
     """
 
     def __init__(self, mode: int) -> None:
@@ -120,7 +121,7 @@ def _quarter_turn_error(angle: float) -> float:
 
 
 def run_oracle(env: gymnasium.Env, seed: int) -> list[dict]:
-    """One episode of the oracle in an environment with `obs_type="state"`: the infos of the reset and of every step."""
+    """One episode in an environment with `obs_type="state"`: the infos of the reset and of every step."""
     observation, info = env.reset(seed=seed)
     oracle, infos, over = Oracle(info["mode"]), [info], False
     while not over:

@@ -8,11 +8,12 @@ from envs.failure import failure_cause
 from envs.workspace import CONTROL_FREQUENCY, WORKSPACE
 
 NEAR_BASE, OUTER_REACH = 0.235, 0.54
-"""Distances from the base axis, in [m]: inside the first a UR's links meet, beyond the second a UR3 straightens."""
+"""Distances from the base axis, in [m]: inside the first a UR's links meet, beyond the second a UR3
+straightens."""
 RECTANGLE_A = ((0.10, -0.20), (0.20, 0.20))
 RECTANGLE_B = ((0.15, -0.20), (0.25, 0.20))
-"""RichMap's dangerous rectangle, lower and upper xy in [m], in two readings: its axes turned by a quarter, or its plot
-centred on the table."""
+"""RichMap's dangerous rectangle, lower and upper xy in [m], in two readings: its axes turned by a quarter, or
+its plot centred on the table."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,9 @@ def summarize(infos: list[dict]) -> EpisodeOutcome:
         ValueError: If there is no step.
     """
     if len(infos) < 2:
-        raise ValueError(f"An episode is the info of its reset and of at least one step. Got {len(infos)} infos.")
+        raise ValueError(
+            f"An episode is the info of its reset and of at least one step. Got {len(infos)} infos."
+        )
     last, steps = infos[-1], infos[1:]
     record = {key: np.array([info[key] for info in steps]) for key in _RECORDED}
     flange = record["flange"][:, :2]

@@ -1,4 +1,5 @@
-"""The arms of `richmap` as robosuite robots, with a pusher for a gripper and a position servo for a controller."""
+"""The arms of `richmap` as robosuite robots, with a pusher for a gripper and a position servo for a
+controller."""
 
 import tempfile
 import xml.etree.ElementTree as ET
@@ -19,7 +20,8 @@ from richmap.mujoco_model import arm_spec
 from richmap.robot import load_robot
 
 ARMATURE = 0.1
-"""Rotor inertia seen at every joint, in [kg m^2]; robosuite would set 5 / (i + 1), another one for every joint."""
+"""Rotor inertia seen at every joint, in [kg m^2]; robosuite would set 5 / (i + 1), another one for every
+joint."""
 
 PUSHER_LENGTH = 0.032
 """From the flange down, in [m]: with the flange at its height of .06 m the pusher ends at .028 m."""
@@ -31,7 +33,8 @@ SHELL = "0.86 0.87 0.90 1"
 
 @lru_cache
 def register_arm(name: str, visual: bool) -> str:
-    """Give robosuite a robot made from `richmap`'s description of this arm; returns the name it is known by there.
+    """Give robosuite a robot made from `richmap`'s description of this arm; returns the name it is known by
+    there.
 
     Links and joints keep their URDF names under a root body `base`; the flange is called `right_hand`.
     """
@@ -85,7 +88,12 @@ def _arm_xml(name: str, visual: bool) -> str:
     actuators = ET.SubElement(root, "actuator")
     for joint in robot.joints:
         ET.SubElement(
-            actuators, "intvelocity", name=f"servo_{joint}", joint=joint, ctrlrange="-100 100", actrange="-100 100"
+            actuators,
+            "intvelocity",
+            name=f"servo_{joint}",
+            joint=joint,
+            ctrlrange="-100 100",
+            actrange="-100 100",
         )
     return ET.tostring(root, encoding="unicode")
 
@@ -99,7 +107,8 @@ def _rename_body(root: ET.Element, old: str, new: str) -> None:
 
 @register_gripper
 class Pusher(GripperModel):
-    """A vertical cylinder of radius 5 mm fixed to the flange: the part of the original's suction tool that touches.
+    """A vertical cylinder of radius 5 mm fixed to the flange: the part of the original's suction tool that
+    touches.
 
     Measured in the original, blocks are touched at z = .028 to .038 m and never by the thin tip below, so the
     cylinder ends at .028 m and there is no tip.
@@ -123,10 +132,10 @@ _PUSHER_XML = f"""
     <body name="pusher" gravcomp="1">
       <inertial pos="0 0 {PUSHER_LENGTH / 2}" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/>
       <site name="ft_frame"/>
-      <geom name="collision" type="cylinder" fromto="0 0 0 0 0 {PUSHER_LENGTH}" size="0.005" group="0" condim="4"
-            friction="1 0.005 0.0001" solref="0.004 1"/>
-      <geom name="visual" type="cylinder" fromto="0 0 0 0 0 {PUSHER_LENGTH}" size="0.005" group="1" contype="0"
-            conaffinity="0" rgba="0.1 0.1 0.12 1" mass="0"/>
+      <geom name="collision" type="cylinder" fromto="0 0 0 0 0 {PUSHER_LENGTH}" size="0.005" group="0"
+            condim="4" friction="1 0.005 0.0001" solref="0.004 1"/>
+      <geom name="visual" type="cylinder" fromto="0 0 0 0 0 {PUSHER_LENGTH}" size="0.005" group="1"
+            contype="0" conaffinity="0" rgba="0.1 0.1 0.12 1" mass="0"/>
       <body name="eef" gravcomp="1">
         <site name="grip_site"/>
         <site name="grip_site_cylinder"/>
@@ -148,8 +157,8 @@ _PUSHER_XML = f"""
 class JointServo(CompositeController):
     """Sends MuJoCo's position servos to joint angles in [rad], once per control step.
 
-    The servos' set points move evenly to their goals and arrive as the step ends: a set point that jumps would kick
-    the light blocks ahead of the pusher.
+    The servos' set points move evenly to their goals and arrive as the step ends: a set point that jumps
+    would kick the light blocks ahead of the pusher.
     """
 
     name = "JOINT_SERVO"

@@ -1,7 +1,6 @@
 """Where blocks, targets and effector are when an episode starts."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +18,8 @@ ATTEMPTS = 1000
 
 @dataclass(frozen=True)
 class Scene:
-    """Initial poses, each x, y in [m] and yaw in [rad] in the world frame, and the plan of the scripted oracle."""
+    """Initial poses, each x, y in [m] and yaw in [rad] in the world frame, and the plan of the scripted
+    oracle."""
 
     block: Float[np.ndarray, "3"]
     block2: Float[np.ndarray, "3"]
@@ -34,8 +34,8 @@ class Scene:
 def draw_scene(seed: int) -> Scene:
     """The original task's scene of this seed: the same draws in the same order from NumPy's legacy generator.
 
-    Block yaw is `uniform(pi)`, which means U(pi, 1): a slip of the original, kept, and harmless because a cube
-    looks the same after a quarter turn.
+    Block yaw is `uniform(pi)`, which means U(pi, 1): a slip of the original, kept, and harmless because a
+    cube looks the same after a quarter turn.
     """
     rng = np.random.RandomState(seed)
     block, block2 = _draw_blocks(rng)
@@ -45,10 +45,12 @@ def draw_scene(seed: int) -> Scene:
 
 
 def draw_wide_scene(rng: np.random.Generator) -> Scene:
-    """A scene for training data: effector and blocks anywhere on the table, sometimes one block placed already.
+    """A scene for training data: effector and blocks anywhere on the table, sometimes one block placed
+    already.
 
-    Effector x .2 to .6 and y -.46 to .28, blocks x .2 to .6 and y -.43 to .28; with probability .3 one block starts
-    within 4 cm of a target. Everything keeps 6.5 cm from everything else, so that nothing overlaps; targets as usual.
+    Effector x .2 to .6 and y -.46 to .28, blocks x .2 to .6 and y -.43 to .28; with probability .3 one block
+    starts within 4 cm of a target. Everything keeps 6.5 cm from everything else, so that nothing overlaps;
+    targets as usual.
     """
     seed = int(rng.integers(2**31))
     usual = draw_scene(seed)
@@ -67,17 +69,17 @@ def draw_wide_scene(rng: np.random.Generator) -> Scene:
 
 def _draw_blocks(rng: np.random.RandomState) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
     while True:
-        block = _draw_block(rng, lambda x: True)
-        block2 = _draw_block(rng, lambda x: abs(x - block[0]) > MIN_BLOCK_DISTANCE)
+        block = _draw_block(rng)
+        block2 = _draw_block(rng, away_from=block[0])
         if abs(block[0] - block2[0]) > MIN_BLOCK_DISTANCE:
             return block, block2
 
 
-def _draw_block(rng: np.random.RandomState, accept: Callable[[float], bool]) -> Float[np.ndarray, "3"]:
+def _draw_block(rng: np.random.RandomState, away_from: float | None = None) -> Float[np.ndarray, "3"]:
     for _ in range(ATTEMPTS):
         x = 0.4 + rng.uniform(-0.1, 0.1)
         y = -0.2 + rng.uniform(-0.15, 0.15)
-        if accept(x):
+        if away_from is None or abs(x - away_from) > MIN_BLOCK_DISTANCE:
             break
     return np.array([x, y, rng.uniform(math.pi)])
 

@@ -17,8 +17,8 @@ from envs.workspace import CONTROL_FREQUENCY
 TIMESTEP = 0.002
 """Of the physics, in [s]; contacts of 10 g blocks want it short."""
 SERVO_FREQUENCY = 200.0
-"""Natural frequency of the critically damped joint servos at the start posture, in [rad/s]: the tool follows its set
-point about 10 ms behind."""
+"""Natural frequency of the critically damped joint servos at the start posture, in [rad/s]: the tool follows
+its set point about 10 ms behind."""
 
 CONTROLLER = {
     "type": "JOINT_SERVO",
@@ -37,11 +37,12 @@ CONTROLLER = {
 
 
 class BlockPushSimulation(ManipulationEnv):
-    """Physics of the block-push task; an action is the joint angles to be at after a tenth of a second, in [rad].
+    """Physics of the block-push task; an action is the joint angles to be at after a tenth of a second, in
+    [rad].
 
-    `step` differs from robosuite's: the servos are MuJoCo's, so the controller speaks once per control step and the
-    substeps run inside one call. What that gives up (torque controllers in Python, observables sampled between
-    substeps) this task does not use.
+    `step` differs from robosuite's: the servos are MuJoCo's, so the controller speaks once per control step
+    and the substeps run inside one call. What that gives up (torque controllers in Python, observables
+    sampled between substeps) this task does not use.
 
     Args:
         robot: Name of the arm in `richmap.robot.ROBOTS`.
@@ -83,9 +84,16 @@ class BlockPushSimulation(ManipulationEnv):
         self.blocks = [make_block("block"), make_block("block2")]
         self.model = ManipulationTask(Table(), [robot.robot_model], self.blocks)
         option = self.model.root.find("option")
-        for key, value in {"timestep": TIMESTEP, "integrator": "implicitfast", "density": 0, "viscosity": 0}.items():
+        for key, value in {
+            "timestep": TIMESTEP,
+            "integrator": "implicitfast",
+            "density": 0,
+            "viscosity": 0,
+        }.items():
             option.set(key, str(value))
-        ET.SubElement(option, "flag", autoreset="disable")  # MuJoCo would start over in silence when it diverges.
+        ET.SubElement(
+            option, "flag", autoreset="disable"
+        )  # MuJoCo would start over in silence when it diverges.
 
     def _set_contacts_and_limits(self, arm: ET.Element) -> None:
         for geom in arm.iter("geom"):
@@ -110,7 +118,8 @@ class BlockPushSimulation(ManipulationEnv):
         self._tune_servos()
 
     def _tune_servos(self) -> None:
-        """Give every joint the same response: stiffness and damping follow its inertia at the start posture."""
+        """Give every joint the same response: stiffness and damping follow its inertia at the start
+        posture."""
         model, data = self.mj_model, mujoco.MjData(self.mj_model)
         data.qpos[self.joints] = self._start
         mujoco.mj_forward(model, data)
@@ -136,12 +145,15 @@ class BlockPushSimulation(ManipulationEnv):
         mujoco.mj_forward(self.mj_model, data)
 
     def step(self, action: Float[np.ndarray, " dof"]) -> tuple[OrderedDict, float, bool, dict]:
-        """Move the servos' set points evenly to these joint angles, in one control step. Observation and reward are made by `BlockPushEnv`."""
+        """Move the servos' set points evenly to these joint angles, in one control step. Observation and
+        reward are made by `BlockPushEnv`."""
         self.robots[0].control(action, policy_step=True)
         mujoco.mj_step(self.mj_model, self.mj_data, round(1 / CONTROL_FREQUENCY / TIMESTEP))
         mujoco.mj_kinematics(self.mj_model, self.mj_data)
         if not np.isfinite(self.mj_data.qpos).all():
-            raise FloatingPointError(f"The physics diverged at {self.mj_data.time:.1f} s; joint targets {action} rad.")
+            raise FloatingPointError(
+                f"The physics diverged at {self.mj_data.time:.1f} s; joint targets {action} rad."
+            )
         self.timestep += 1
         self.cur_time += self.control_timestep
         return OrderedDict(), 0.0, False, {}

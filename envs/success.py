@@ -6,7 +6,8 @@ from jaxtyping import Bool, Float
 SUCCESS_RADIUS = 0.05
 """A block is in a target when their centres are closer than this, in [m]."""
 FIRST_BLOCK, BOTH_BLOCKS = 0.49, 0.51
-"""Reward for a block's entry into a target, and for both blocks in different targets; the shares of the score."""
+"""Reward for a block's entry into a target, and for both blocks in different targets; the shares of the
+score."""
 
 
 def inside(blocks: Float[np.ndarray, "2 2"], targets: Float[np.ndarray, "2 2"]) -> Bool[np.ndarray, "2 2"]:
@@ -20,8 +21,8 @@ def both_placed(now: Bool[np.ndarray, "2 2"]) -> bool:
 
 
 def rewards(before: Bool[np.ndarray, "2 2"], now: Bool[np.ndarray, "2 2"]) -> tuple[float, float]:
-    """Reward for entries and for both blocks, of which one is zero: 0.49 for every block that enters a target it
-    has not been in before, and instead of that 0.51 once both are placed.
+    """Reward for entries and for both blocks, of which one is zero: 0.49 for every block that enters a target
+    it has not been in before, and instead of that 0.51 once both are placed.
 
     Args:
         before: Which block has been in which target before.

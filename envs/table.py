@@ -26,7 +26,8 @@ ARM_BIT, SCENE_BIT = 2, 1
 
 
 class Table(Arena):
-    """Table top at z = 0, the workspace marked on it, targets that can be moved (mocap bodies), lights, a camera."""
+    """Table top at z = 0, the workspace marked on it, targets that can be moved (mocap bodies), lights, a
+    camera."""
 
     def __init__(self) -> None:
         with tempfile.TemporaryDirectory() as folder:
@@ -70,7 +71,8 @@ def _target_xml(name: str) -> str:
 _TABLE_XML = f"""
 <mujoco model="table">
   <asset>
-    <texture type="skybox" builtin="gradient" rgb1="0.95 0.96 0.98" rgb2="0.72 0.77 0.84" width="256" height="256"/>
+    <texture type="skybox" builtin="gradient" rgb1="0.95 0.96 0.98" rgb2="0.72 0.77 0.84" width="256"
+             height="256"/>
     <texture name="grid" type="2d" builtin="checker" rgb1="0.60 0.62 0.65" rgb2="0.57 0.59 0.62" width="256"
              height="256" mark="edge" markrgb="0.66 0.68 0.71"/>
     <material name="table" texture="grid" texrepeat="10 10" texuniform="true" specular="0.1"/>

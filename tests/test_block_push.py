@@ -35,11 +35,11 @@ def has_egl():
 @pytest.mark.parametrize("robot", ENVIRONMENTS)
 def test_gymnasiums_checker_has_nothing_to_say(robot):
     render_mode = "rgb_array" if has_egl() else None
+    env = gymnasium.make(ENVIRONMENTS[robot], render_mode=render_mode)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        env = gymnasium.make(ENVIRONMENTS[robot], render_mode=render_mode)
         check_env(env.unwrapped, skip_render_check=render_mode is None)
-        env.close()
+    env.close()
 
 
 @pytest.mark.parametrize("robot", ENVIRONMENTS)

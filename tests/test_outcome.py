@@ -11,7 +11,8 @@ TARGETS = np.array([[0.28, 0.2], [0.52, 0.2]])
 
 
 def episode(length=350, **changes):
-    """Infos of an arm that does as told, for nothing; `changes` maps keys to a value or to a function of the step."""
+    """Infos of an arm that does as told, for nothing; `changes` maps keys to a value or to a function of the
+    step."""
     still = {
         "p1": False,
         "p2": False,

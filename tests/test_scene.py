@@ -5,7 +5,8 @@ import pytest
 
 from envs.scene import MIN_BLOCK_DISTANCE, draw_scene, draw_wide_scene
 
-GOLDEN = {  # seed: x, y, yaw of block, block2, target, target2, then the oracle's mode; from the original environment
+# From the original environment; by seed: x, y, yaw of block, block2, target, target2, then the oracle's mode.
+GOLDEN = {
     0: ((0.409763, -0.135443, 1.850719), (0.307838, -0.265158, 2.884181), (0.519809, 0.202830, 3.221279),
         (0.284182, 0.195752, 3.155246), 0),
     1: ((0.383404, -0.133903, 3.141348), (0.493652, -0.255973, 1.658920), (0.523650, 0.204937, 3.210625),
