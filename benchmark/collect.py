@@ -17,6 +17,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from benchmark.command import SettingError, check_setting, run_command
+
 if TYPE_CHECKING:
     from benchmark.demonstration import Demonstration
 
@@ -28,7 +30,6 @@ EPISODES_PER_CHUNK = 5
 class CollectConfig:
     """Which demonstrations the oracle gives; with all shares 0 clean ones alone, like the published data."""
 
-    robot: str = "xarm6"
     episodes: int = 1000
     """Number of demonstrations, all of them successful."""
     seed_start: int = 0
@@ -40,15 +41,18 @@ class CollectConfig:
     share_wide: float = 0.25
     """Share of episodes like the last kind that also start from scenes all over the table."""
     output_dir: str = "demonstrations/robust"
+    """Folder of the dataset."""
     workers: int = 2
     """Processes that simulate; the data do not depend on it."""
 
     def __post_init__(self) -> None:
-        shares = (self.share_noise, self.share_bursts, self.share_wide)
-        if min(shares) < 0 or sum(shares) > 1 + 1e-9:
-            raise ValueError(f"Shares must be 0 or more and sum to 1 at most. Got {shares}.")
-        if self.episodes < 1 or self.workers < 1:
-            raise ValueError(f"episodes and workers must be 1 or more. Got {self.episodes}, {self.workers}.")
+        for name in ("episodes", "workers"):
+            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        shares = ("share_noise", "share_bursts", "share_wide")
+        for name in shares:
+            check_setting(0 <= getattr(self, name) <= 1, name, getattr(self, name), "a number from 0 to 1")
+        total = sum(getattr(self, name) for name in shares)
+        check_setting(total <= 1 + 1e-9, " + ".join(shares), total, "a sum of 1 at most; the rest is clean")
 
     @property
     def recipe(self) -> dict[str, object]:
@@ -78,7 +82,7 @@ def _check_recipe(root: Path, config: CollectConfig) -> None:
     recipe = json.loads((root / "meta" / "collect.json").read_text())["recipe"]
     different = {key: recipe.get(key) for key, value in config.recipe.items() if recipe.get(key) != value}
     if different:
-        raise FileExistsError(
+        raise SettingError(
             f"{root} holds demonstrations made otherwise ({different}). "
             "Delete the folder or choose another output_dir."
         )
@@ -116,7 +120,7 @@ def _simulate_chunk(config: CollectConfig, seeds: range, chunks: Path) -> None:
 
     from benchmark.demonstration import demonstrate, pack, source_env
 
-    env = source_env(config.robot)
+    env = source_env()
     episodes = [demonstrate(env, seed, _kind(config, seed)) for seed in seeds]
     path = _chunk_path(chunks, seeds)
     partial = path.with_suffix(f".{os.getpid()}.tmp")
@@ -143,9 +147,20 @@ def _assemble(config: CollectConfig, chunks: Path, root: Path) -> None:
     from benchmark.demonstration_dataset import write_dataset
 
     partial = root.with_name(f".{root.name}.{os.getpid()}.tmp")
-    write_dataset(_stored(config, chunks), partial, config.robot, config.episodes)
-    (partial / "meta" / "collect.json").write_text(json.dumps({"recipe": config.recipe}, indent=2) + "\n")
+    write_dataset(_stored(config, chunks), partial, config.episodes)
+    about = {"recipe": config.recipe, "played": _played(config, chunks)}
+    (partial / "meta" / "collect.json").write_text(json.dumps(about, indent=2) + "\n")
     os.replace(partial, root)
+
+
+def _played(config: CollectConfig, chunks: Path) -> dict[str, dict[str, int]]:
+    """Episodes kept and episodes played of each kind: failures are played again with other disturbances."""
+    counts: dict[str, dict[str, int]] = {}
+    for episode in _stored(config, chunks):
+        count = counts.setdefault(episode.kind, {"kept": 0, "played": 0})
+        count["kept"] += 1
+        count["played"] += episode.attempts
+    return counts
 
 
 def _stored(config: CollectConfig, chunks: Path) -> Iterator["Demonstration"]:
@@ -181,9 +196,10 @@ def _die_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def main() -> None:
-    collect(CollectConfig())
+def main(config: CollectConfig) -> None:
+    """Collect, and say where the data are."""
+    print(f"Demonstrations: {collect(config)}")
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main, CollectConfig, "collect")

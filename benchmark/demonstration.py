@@ -8,10 +8,13 @@ import gymnasium
 import numpy as np
 from jaxtyping import Bool, Float
 
+import envs
 from benchmark.disturbance import Disturbance
 from envs.oracle import PLACED, PLANS, Oracle
 from envs.scene import START, Scene, draw_wide_scene
 
+SOURCE = "xarm6"
+"""The arm that policies learn from."""
 ATTEMPTS = 20
 """Tries at a successful episode of one seed before giving up."""
 
@@ -35,11 +38,9 @@ class Demonstration:
 
 
 @cache
-def source_env(robot: str) -> gymnasium.Env:
-    """The arm's environment for demonstrations; one for each process, since building it takes seconds."""
-    import envs
-
-    return gymnasium.make(envs.ENVIRONMENTS[robot])
+def source_env() -> gymnasium.Env:
+    """The source arm's environment; one for each process, since building it takes seconds."""
+    return gymnasium.make(envs.ENVIRONMENTS[SOURCE])
 
 
 def demonstrate(env: gymnasium.Env, seed: int, kind: str) -> Demonstration:

@@ -7,7 +7,7 @@ import datasets
 import numpy as np
 from lerobot.datasets import LeRobotDataset
 
-from benchmark.demonstration import Demonstration
+from benchmark.demonstration import SOURCE, Demonstration
 from benchmark.progress import progress_bar
 
 TASK = "Push the two blocks into the two squares, one in each."
@@ -15,7 +15,7 @@ FPS = 10
 """Control steps per second."""
 
 
-def write_dataset(episodes: Iterable[Demonstration], root: Path, robot: str, total: int) -> None:
+def write_dataset(episodes: Iterable[Demonstration], root: Path, total: int) -> None:
     """Writes a LeRobotDataset (v3.0), with the observation split as the environments' dict form splits it."""
     datasets.disable_progress_bars()
     dataset = LeRobotDataset.create(
@@ -23,7 +23,7 @@ def write_dataset(episodes: Iterable[Demonstration], root: Path, robot: str, tot
         FPS,
         _features(),
         root=root,
-        robot_type=robot,
+        robot_type=SOURCE,
         use_videos=False,
         video_backend="pyav",
     )

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmark.collect import CollectConfig, collect
+from benchmark.command import SettingError, check_setting, run_command
 
 if TYPE_CHECKING:
     from lerobot.configs.train import TrainPipelineConfig
@@ -27,6 +28,7 @@ class TrainConfig:
     seed: int = 42
     """Training seed: initial weights, order of the data, noise."""
     steps: int = 9000
+    """Optimiser steps."""
     batch_size: int = 256
     """Observations per step; each meets `GuidedPushConfig.noise_draws` noise levels."""
     precision: str = "bfloat16"
@@ -40,12 +42,16 @@ class TrainConfig:
     policy: dict[str, Any] = field(default_factory=dict)
     """Fields of `GuidedPushConfig` that differ from its defaults."""
     demonstrations: CollectConfig = field(default_factory=CollectConfig)
+    """Data to learn from, collected first if they are not there."""
     output_dir: str = "outputs/checkpoints"
     """Folder in which the checkpoint gets a folder named after the seed."""
 
     def __post_init__(self) -> None:
-        if self.precision not in ("bfloat16", "float32"):
-            raise ValueError(f"precision must be bfloat16 or float32. Got {self.precision}.")
+        choices = {"precision": ("bfloat16", "float32"), "device": ("cpu", "cuda")}
+        for name, allowed in choices.items():
+            check_setting(getattr(self, name) in allowed, name, getattr(self, name), ", ".join(allowed))
+        for name in ("steps", "batch_size", "threads", "save_every"):
+            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
 
     @property
     def checkpoint(self) -> Path:
@@ -58,10 +64,10 @@ def train(config: TrainConfig) -> Path:
     A run that was killed goes on from the last state it had stored, exactly as if nothing had happened.
 
     Raises:
-        FileExistsError: The checkpoint is there already.
+        SettingError: The checkpoint is there already.
     """
     if config.checkpoint.exists():
-        raise FileExistsError(f"{config.checkpoint} exists. Delete it or choose another output_dir.")
+        raise SettingError(f"{config.checkpoint} exists. Delete it or choose another output_dir.")
     root = collect(config.demonstrations)
     os.environ.setdefault("HF_HUB_OFFLINE", "1")  # Nothing here needs the hub.
     import torch
@@ -168,9 +174,10 @@ def _publish(
     os.replace(partial, config.checkpoint)
 
 
-def main() -> None:
-    train(TrainConfig())
+def main(config: TrainConfig) -> None:
+    """Train, and say where the checkpoint is."""
+    print(f"Checkpoint: {train(config)}")
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main, TrainConfig, "train")

@@ -12,6 +12,7 @@ from lerobot.datasets import LeRobotDataset
 from lerobot.policies import make_pre_post_processors
 
 from benchmark.collect import CollectConfig
+from benchmark.command import SettingError
 from benchmark.demonstration import Demonstration
 from benchmark.demonstration_dataset import write_dataset
 from benchmark.demonstration_tensors import DemonstrationTensors, load_demonstrations
@@ -33,7 +34,7 @@ def root(tmp_path_factory):
         return Demonstration(seed, "clean", 1, observations, actions, success.astype(np.float32), success)
 
     root = tmp_path_factory.mktemp("demonstrations") / "synthetic"
-    write_dataset([episode(0, 8), episode(1, 5)], root, "xarm6", 2)
+    write_dataset([episode(0, 8), episode(1, 5)], root, 2)
     (root / "meta" / "collect.json").write_text(json.dumps({"recipe": CollectConfig().recipe}))
     return root
 
@@ -92,7 +93,7 @@ def test_a_checkpoint_loads_and_says_how_it_was_made(root, tmp_path):
 
 def test_a_checkpoint_is_never_overwritten(root, tmp_path):
     (tmp_path / "seed42-1").mkdir()
-    with pytest.raises(FileExistsError, match="seed42-1 exists. Delete it or choose another output_dir"):
+    with pytest.raises(SettingError, match="seed42-1 exists. Delete it or choose another output_dir"):
         train(config(root, tmp_path))
 
 
