@@ -31,7 +31,7 @@ class CollectConfig:
     """Which demonstrations the oracle gives; with all shares 0 clean ones alone, like the published data."""
 
     episodes: int = 1000
-    """Number of demonstrations, all of them successful."""
+    """Number of demonstrations; the disturbed ones are all successful, the clean ones as they come."""
     seed_start: int = 0
     """Seed of the first episode's scene; seeds 0 to 999 are for demonstrations."""
     share_noise: float = 0.25
@@ -154,7 +154,7 @@ def _assemble(config: CollectConfig, chunks: Path, root: Path) -> None:
 
 
 def _played(config: CollectConfig, chunks: Path) -> dict[str, dict[str, int]]:
-    """Episodes kept and episodes played of each kind: failures are played again with other disturbances."""
+    """Episodes kept and episodes played of each kind: failures are played again, disturbed otherwise."""
     counts: dict[str, dict[str, int]] = {}
     for episode in _stored(config, chunks):
         count = counts.setdefault(episode.kind, {"kept": 0, "played": 0})

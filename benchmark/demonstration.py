@@ -21,13 +21,13 @@ ATTEMPTS = 20
 
 @dataclass(frozen=True)
 class Demonstration:
-    """One successful episode: what was seen, what the oracle would do, what was scored."""
+    """One episode: what was seen, what the oracle would do, what was scored."""
 
     seed: int
     kind: str
     """clean, noise, bursts or wide: what was done to the executed actions and to the scene."""
     attempts: int
-    """Episodes played until one succeeded."""
+    """Episodes played until this one."""
     observations: Float[np.ndarray, "n 16"]
     """Legacy layout of the environments, in [m] and [rad]."""
     actions: Float[np.ndarray, "n 2"]
@@ -46,12 +46,14 @@ def source_env() -> gymnasium.Env:
 def demonstrate(env: gymnasium.Env, seed: int, kind: str) -> Demonstration:
     """Plays the oracle with the kind's disturbances until an episode succeeds.
 
+    Clean episodes are kept as they come, like the published ones: without disturbances they would only repeat.
+
     Raises:
         RuntimeError: No attempt succeeded.
     """
     for attempt in range(1, ATTEMPTS + 1):
         demonstration = _attempt(env, seed, kind, attempt)
-        if demonstration.successes[-1]:
+        if demonstration.successes[-1] or kind == "clean":
             return demonstration
     raise RuntimeError(f"The oracle failed {ATTEMPTS} times with seed {seed} and kind {kind}.")
 

@@ -9,7 +9,7 @@ TEMPLATE = """# Source policy `{name}`
 A guided diffusion policy (LeRobot policy type `guided_push`) for pushing two blocks into two targets with the
 {robot}, from states. The weights are the exponential moving average over training.
 
-- Demonstrations: {episodes} successful episodes of the scripted oracle, {frames} frames: {kinds}.
+- Demonstrations: {episodes} episodes of the scripted oracle, {frames} frames: {kinds}.
   Labels are always the oracle's actions. In all kinds but `clean` another action is executed now and then,
   and `wide` starts from scenes all over the table: those are not the task's published demonstrations.
 - Augmentation: the task's exact permutations of blocks and targets.
