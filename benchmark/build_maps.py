@@ -1,10 +1,9 @@
 """Reachability maps and energy fields from the cache, built on first use.
 
-    python -m benchmark.build_maps robot=ur3
+python -m benchmark.build_maps robot=ur3
 """
 
 from dataclasses import asdict
-from pathlib import Path
 
 from rich.console import Console
 
@@ -18,7 +17,16 @@ SOURCE = "xarm6"
 def robot_map(name: str, config: MapConfig, workers: int, console: Console):
     """The robot's `ReachabilityMap`, built if it is not in the cache."""
     from benchmark.cache import cached, fingerprint
-    from richmap import collision, construction, directions, grid, insertion, reachability_map, robot, sampling
+    from richmap import (
+        collision,
+        construction,
+        directions,
+        grid,
+        insertion,
+        reachability_map,
+        robot,
+        sampling,
+    )
 
     description = robot.load_robot(name)
     cells = grid.Grid.around_base(config.cell_size, config.half_width, config.z_offset)

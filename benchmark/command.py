@@ -42,20 +42,21 @@ def run_command(main: Callable[[Config], None], schema: type[Config], name: str)
 
     def enter(config: DictConfig) -> None:
         try:
-            typed = _typed(config, schema)
+            main(typed(config, schema))
         except SettingError as error:
             _refuse(error)
-        main(typed)
 
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises instead of printing.
-    ConfigStore.instance().store(f"{name}_schema", _named_as_typed(OmegaConf.structured(schema)))
+    ConfigStore.instance().store(f"{name}_schema", named_as_typed(OmegaConf.structured(schema)))
     try:
         _check_arguments([arg for arg in sys.argv[1:] if arg not in ("-m", "--multirun")], schema)
         hydra.main(version_base="1.3", config_path=str(CONF), config_name=name)(enter)()
     except (SettingError, HydraException) as error:
         _refuse(error)
     except KeyboardInterrupt:
-        print("Interrupted. What was finished is stored; the same command goes on from there.", file=sys.stderr)
+        print(
+            "Interrupted. What was finished is stored; the same command goes on from there.", file=sys.stderr
+        )
         sys.exit(130)
 
 
@@ -90,7 +91,12 @@ def _refuse(error: Exception) -> NoReturn:
 
 
 def _help(name: str, schema: type) -> str:
-    lines = [f"python -m benchmark.{name} [setting=value ...]", "", *textwrap.wrap(inspect.getdoc(schema), 100), ""]
+    lines = [
+        f"python -m benchmark.{name} [setting=value ...]",
+        "",
+        *textwrap.wrap(inspect.getdoc(schema), 100),
+        "",
+    ]
     for key, (text, default) in setting_texts(schema).items():
         shown = f"{key}={_default_choice(name, key) if _is_group(key) else default}"
         lines += [f"  {shown}", *textwrap.wrap(text, 92, initial_indent=" " * 6, subsequent_indent=" " * 6)]
@@ -117,7 +123,7 @@ def _check_arguments(arguments: list[str], schema: type) -> None:
             check_setting(override.value() in choices, key, override.value(), ", ".join(choices))
 
 
-def _typed(config: DictConfig, schema: type[Config]) -> Config:
+def typed(config: DictConfig, schema: type[Config]) -> Config:
     """The composed settings as an object of the schema."""
     values = {PYTHON_NAME.get(str(key), str(key)): value for key, value in config.items()}
     texts = setting_texts(schema)
@@ -130,7 +136,7 @@ def _typed(config: DictConfig, schema: type[Config]) -> Config:
         raise SettingError(f"{key}={value} is not allowed. {key}: {text}") from error
 
 
-def _named_as_typed(config: DictConfig) -> dict[str, Any]:
+def named_as_typed(config: DictConfig) -> dict[str, Any]:
     """The schema's defaults as plain values under the names that people type."""
     plain = OmegaConf.to_container(config)
     typed_as = {python: name for name, python in PYTHON_NAME.items()}

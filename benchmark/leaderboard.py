@@ -1,6 +1,6 @@
 """The leaderboard: a pure function of the episodes table.
 
-    python -m benchmark.leaderboard
+python -m benchmark.leaderboard
 """
 
 from pathlib import Path
@@ -50,7 +50,16 @@ def paired(episodes: pd.DataFrame, control: pd.DataFrame) -> pd.DataFrame:
         a, b = pairs[score].to_numpy(dtype=float), pairs[f"{score}_control"].to_numpy(dtype=float)
         difference, low, high = paired_difference(a, b)
         p_value = None if score == "score" else paired_p_value(a, b)
-        rows.append({"score": score, "n": len(pairs), "difference": difference, "low": low, "high": high, "p": p_value})
+        rows.append(
+            {
+                "score": score,
+                "n": len(pairs),
+                "difference": difference,
+                "low": low,
+                "high": high,
+                "p": p_value,
+            }
+        )
     return pd.DataFrame(rows)
 
 
@@ -102,7 +111,9 @@ def main(config: LeaderboardConfig) -> None:
     folder = Path(config.output_dir)
     episodes = read_episodes(folder)
     if episodes.empty:
-        raise SystemExit(f"error: there is no {folder / 'episodes.parquet'}. Make one: python -m benchmark.run")
+        raise SystemExit(
+            f"error: there is no {folder / 'episodes.parquet'}. Make one: python -m benchmark.run"
+        )
     (folder / "LEADERBOARD.md").write_text(markdown(leaderboard(episodes)))
     print(folder / "LEADERBOARD.md")
 

@@ -29,7 +29,8 @@ def print_report(tables: list[pd.DataFrame], output_dir: Path, console: Console)
         console.print(f"Failed episodes by cause, lambda {row['lambda']:g}: {causes_text(row.causes)}")
     for table in tables[1:]:
         difference = Table(
-            title=f"lambda {table['lambda'].iloc[0]:g} minus lambda 0, same episodes, points", title_justify="left"
+            title=f"lambda {table['lambda'].iloc[0]:g} minus lambda 0, same episodes, points",
+            title_justify="left",
         )
         for name in ["score", "n", "difference", "95 % interval", "exact McNemar p"]:
             difference.add_column(name)

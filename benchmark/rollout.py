@@ -1,9 +1,9 @@
 """Rolling a policy out: batches of one fixed shape, an episode always in the same row of its batch."""
 
 import hashlib
-import signal
 import subprocess
 from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from multiprocessing import get_context
@@ -17,6 +17,7 @@ import envs
 from benchmark.results import Condition, Episode
 from envs.arms import arm_setting
 from envs.outcome import summarize
+from richmap.worker import start_worker
 
 if TYPE_CHECKING:
     from policies.modeling_guided_push import GuidedPushPolicy
@@ -45,13 +46,16 @@ def roll_out(rollout: Rollout, seeds: Iterable[int], workers: int) -> Iterator[l
     batches: dict[int, list[int]] = {}
     for seed in seeds:
         batches.setdefault(seed // rollout.condition.batch_shape, []).append(seed)
-    with get_context("spawn").Pool(min(workers, len(batches)), initializer=_start_worker) as pool:
-        yield from pool.imap(_Batch(rollout), batches.values())
+    workers = min(workers, len(batches))
+    with ProcessPoolExecutor(workers, get_context("spawn"), initializer=start_worker) as pool:
+        yield from pool.map(_Batch(rollout), batches.values())
 
 
 def code_version() -> str:
     """SHA-256, first 12 digits, over the code that decides an episode."""
-    files = [file for package in ("richmap", "envs", "policies") for file in sorted((ROOT / package).glob("*.py"))]
+    files = [
+        file for package in ("richmap", "envs", "policies") for file in sorted((ROOT / package).glob("*.py"))
+    ]
     digest = hashlib.sha256()
     for file in [*files, Path(__file__)]:
         digest.update(file.read_bytes())
@@ -142,11 +146,3 @@ def condition_of_arm(robot: str, setting: str) -> dict[str, object]:
         "joint_limits": arm.joint_limits,
         "orientation_weight": arm.orientation_weight,
     }
-
-
-def _start_worker() -> None:
-    """Workers share the cores, so each computes on one thread; Ctrl-C is the main process's."""
-    import torch
-
-    torch.set_num_threads(1)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,6 +1,6 @@
 """The main job: what does the xArm6's policy do on this arm, and does guidance help?
 
-    python -m benchmark.run robot=ur3 lambda=0.5
+python -m benchmark.run robot=ur3 lambda=0.5
 """
 
 from pathlib import Path
@@ -32,7 +32,9 @@ def checkpoint_folder(seed: int) -> Path:
     """
     folder = CHECKPOINTS / f"seed{seed}-1"
     if not folder.exists():
-        there = ", ".join(sorted(f.name.removeprefix("seed").split("-")[0] for f in CHECKPOINTS.glob("seed*-1")))
+        there = ", ".join(
+            sorted(f.name.removeprefix("seed").split("-")[0] for f in CHECKPOINTS.glob("seed*-1"))
+        )
         raise SettingError(
             f"seed={seed} has no checkpoint. Trained seeds: {there}. Train it: python -m benchmark.train seed={seed}"
         )
@@ -77,9 +79,13 @@ def run_condition(config: RunConfig, scale: float, checkpoint: Path, console):
     stored = set(episodes_of(read_episodes(output_dir), condition).get("episode_seed", []))
     missing = [seed for seed in seeds if seed not in stored]
     with progress_bar(console) as progress:
-        task = progress.add_task(f"{robot}, lambda {scale:g}", total=len(seeds), completed=len(seeds) - len(missing))
+        task = progress.add_task(
+            f"{robot}, lambda {scale:g}", total=len(seeds), completed=len(seeds) - len(missing)
+        )
         if missing:
-            for episodes in roll_out(Rollout(condition, checkpoint, field_path, device), missing, config.workers):
+            for episodes in roll_out(
+                Rollout(condition, checkpoint, field_path, device), missing, config.workers
+            ):
                 store_episodes(output_dir, episodes)
                 progress.advance(task, len(episodes))
     table = episodes_of(read_episodes(output_dir), condition)

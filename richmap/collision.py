@@ -105,7 +105,10 @@ class SelfCollision:
             mesh.vertices, mesh.faces, EDGE, max_iter=20, return_index=True
         )
         radius = np.hypot(points[:, 0], points[:, 1])
-        sector = np.floor((np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
+        sector = (
+            np.floor((np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) + 0.5) * SECTORS).astype(int)
+            % SECTORS
+        )
         lower, upper = points[:, 2].min(), points[:, 2].max()
         edges = np.linspace(lower, upper, int(np.ceil((upper - lower) / SLAB)) + 1)
 

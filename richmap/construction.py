@@ -1,8 +1,8 @@
 """Building a map: worker processes sample the workspace, this process inserts their batches in a fixed order."""
 
-import signal
 from collections import deque
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import count
 from multiprocessing import get_context
@@ -14,6 +14,7 @@ from richmap.insertion import Inserter
 from richmap.reachability_map import Construction, ReachabilityMap
 from richmap.robot import RobotDescription
 from richmap.sampling import WorkspaceSamples, sample_workspace
+from richmap.worker import start_worker
 
 
 @dataclass(frozen=True)
@@ -52,11 +53,11 @@ def build_map(
     inserter = Inserter(grid, construction.theta, len(robot.joints))
     reached = construction
     below = 0
-    with get_context("spawn").Pool(workers, initializer=_start_worker) as pool:
-        upcoming = (pool.apply_async(_draw_batch, (robot, construction, index)) for index in count())
+    with ProcessPoolExecutor(workers, get_context("spawn"), initializer=start_worker) as pool:
+        upcoming = (pool.submit(_draw_batch, robot, construction, index) for index in count())
         queue = deque(next(upcoming) for _ in range(2 * workers))
         while below < 2:
-            samples = queue.popleft().get()
+            samples = queue.popleft().result()
             queue.append(next(upcoming))
             offered = inserter.offered
             stored = inserter.insert(samples)
@@ -80,17 +81,10 @@ def build_map(
                     reached.independent_rate,
                 )
             )
+        pool.shutdown(wait=False, cancel_futures=True)
     return ReachabilityMap.from_rows(grid, *inserter.stored(), reached)
 
 
 def _draw_batch(robot: RobotDescription, construction: Construction, index: int) -> WorkspaceSamples:
     rng = np.random.default_rng((construction.seed, index))
     return sample_workspace(robot, rng, construction.batch, construction.turns)
-
-
-def _start_worker() -> None:
-    """Workers share the cores, so each computes on one thread; Ctrl-C is the main process's."""
-    import torch
-
-    torch.set_num_threads(1)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,6 +1,7 @@
 """Bins of the unit sphere: small enough that one stored direction fills a bin, few enough to look at the neighbours."""
 
 from functools import lru_cache
+from typing import no_type_check
 
 import numba
 import numpy as np
@@ -45,7 +46,8 @@ def neighbour_bins(theta: float) -> tuple[Int[np.ndarray, " bins1"], Int[np.ndar
 
 
 @numba.njit(cache=True, inline="always")
-def bin_of(x: float, y: float, z: float, n: int) -> int:
+@no_type_check
+def bin_of(x, y, z, n):
     """Bin of a unit vector: a face of the cube and a cell of that face, equally spaced in angle."""
     ax, ay, az = abs(x), abs(y), abs(z)
     if ax >= ay and ax >= az:

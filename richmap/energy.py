@@ -64,7 +64,9 @@ class EnergyField:
             ValueError: If a point lies outside the cells' centres.
         """
         centres = [(knots[3], knots[-4]) for knots in self._spline.t]
-        outside = np.flatnonzero(np.any([(p < lo) | (p > hi) for p, (lo, hi) in zip(points.T, centres)], axis=0))
+        outside = np.flatnonzero(
+            np.any([(p < lo) | (p > hi) for p, (lo, hi) in zip(points.T, centres)], axis=0)
+        )
         if len(outside):
             raise ValueError(f"{points[outside[0]]} m is outside the energy field, which spans {centres} m.")
         gradient = [self._spline(points, nu=nu) for nu in np.eye(3, dtype=int)]
@@ -82,7 +84,13 @@ class EnergyField:
 
     def save(self, path: Path) -> None:
         """Write the field as one safetensors file, atomically."""
-        save_arrays(path, KIND, VERSION, {"values": self.values}, {"grid": json.dumps(asdict(self.grid)), **self.about})
+        save_arrays(
+            path,
+            KIND,
+            VERSION,
+            {"values": self.values},
+            {"grid": json.dumps(asdict(self.grid)), **self.about},
+        )
 
     @classmethod
     def load(cls, path: Path) -> "EnergyField":

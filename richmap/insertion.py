@@ -1,5 +1,7 @@
 """Greedy insertion of approach directions that keeps those stored in a cell at least theta apart."""
 
+from typing import no_type_check
+
 import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -78,6 +80,7 @@ class Inserter:
 
 
 @numba.njit(cache=True, inline="always")
+@no_type_check
 def _conflicts(b, x, y, z, slots, direction, offsets, neighbours, cosine):
     if slots[b] >= 0:
         return True
@@ -90,6 +93,7 @@ def _conflicts(b, x, y, z, slots, direction, offsets, neighbours, cosine):
 
 
 @numba.njit(cache=True, parallel=True, nogil=True)
+@no_type_check
 def _clear_of_stored(blocks, directions, table, stored, offsets, neighbours, n, cosine):
     """Phase 1: which poses of a batch are at least theta from everything stored in their cell."""
     clear = np.zeros(len(blocks), dtype=np.bool_)
@@ -102,8 +106,22 @@ def _clear_of_stored(blocks, directions, table, stored, offsets, neighbours, n, 
 
 
 @numba.njit(cache=True, nogil=True)
+@no_type_check
 def _insert_in_order(
-    candidates, blocks, cells, directions, joints, rows, table, cell, direction, joint, offsets, neighbours, n, cosine
+    candidates,
+    blocks,
+    cells,
+    directions,
+    joints,
+    rows,
+    table,
+    cell,
+    direction,
+    joint,
+    offsets,
+    neighbours,
+    n,
+    cosine,
 ):
     """Phase 2: insert the candidates one after the other, unless one before them was too near."""
     stored = np.zeros(len(candidates), dtype=np.bool_)

@@ -28,7 +28,11 @@ def arm_spec(robot: RobotDescription, visual: bool = False) -> mujoco.MjSpec:
         for i, vertices in enumerate(parts):
             mesh = spec.add_mesh(name=f"{link}_part{i}", uservert=vertices.ravel())
             spec.body(link).add_geom(
-                type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh.name, name=mesh.name, group=COLLISION_GROUP, mass=0
+                type=mujoco.mjtGeom.mjGEOM_MESH,
+                meshname=mesh.name,
+                name=mesh.name,
+                group=COLLISION_GROUP,
+                mass=0,
             )
     links = list(robot.meshes)
     checked = set(self_collision(robot).pairs)

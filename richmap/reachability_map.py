@@ -5,6 +5,7 @@ import json
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import no_type_check
 
 import numba
 import numpy as np
@@ -139,6 +140,7 @@ class ReachabilityMap:
 
 
 @numba.njit(cache=True, parallel=True, nogil=True)
+@no_type_check
 def _nearest(cells, directions, start, stored):
     rows = np.full(len(cells), -1, dtype=np.int64)
     cosines = np.full(len(cells), -2.0, dtype=np.float32)

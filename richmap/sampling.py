@@ -90,7 +90,9 @@ def _chain(robot: RobotDescription):
     return robot.chain().to(dtype=torch.float64)
 
 
-def _rotate_about_z(vectors: Float[np.ndarray, "n 3"], by: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+def _rotate_about_z(
+    vectors: Float[np.ndarray, "n 3"], by: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "n 3"]:
     c, s = np.cos(by), np.sin(by)
     x, y, z = vectors.T
     return np.stack([c * x - s * y, s * x + c * y, z], axis=1)

@@ -1,6 +1,7 @@
 """How alike two robots' approach directions are, cell by cell: maximum mean discrepancy with a multi-scale kernel."""
 
 from dataclasses import dataclass
+from typing import no_type_check
 
 import numba
 import numpy as np
@@ -108,7 +109,9 @@ def _kernel_spectrum() -> Float[np.ndarray, " degrees"]:
     return np.maximum(spectrum, 0)
 
 
-def _recurrence(degree: int) -> tuple[Float[np.ndarray, "d d"], Float[np.ndarray, "d d"], Float[np.ndarray, " d"]]:
+def _recurrence(
+    degree: int,
+) -> tuple[Float[np.ndarray, "d d"], Float[np.ndarray, "d d"], Float[np.ndarray, " d"]]:
     """Coefficients of the three-term recurrence of normalised associated Legendre functions (Holmes & Featherstone)."""
     l, m = np.meshgrid(np.arange(degree + 1.0), np.arange(degree + 1.0), indexing="ij")  # noqa: E741
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -120,6 +123,7 @@ def _recurrence(degree: int) -> tuple[Float[np.ndarray, "d d"], Float[np.ndarray
 
 
 @numba.njit(cache=True, parallel=True)
+@no_type_check
 def _mean_harmonics(cells, start, directions, a, b, diagonal):
     degree = len(diagonal) - 1
     means = np.zeros((len(cells), (degree + 1) ** 2))

@@ -1,0 +1,45 @@
+"""Every configuration composes, and its values are those of the schema but for what it says."""
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+from hydra.core.config_store import ConfigStore
+from omegaconf import OmegaConf
+
+from benchmark import command
+from benchmark.collect import CollectConfig
+from benchmark.config import BuildMapsConfig, LeaderboardConfig, OracleConfig, RunConfig
+from benchmark.train import TrainConfig
+
+SCHEMAS = {
+    "run": RunConfig,
+    "build_maps": BuildMapsConfig,
+    "oracle": OracleConfig,
+    "leaderboard": LeaderboardConfig,
+    "collect": CollectConfig,
+    "train": TrainConfig,
+}
+
+
+def test_every_configuration_has_a_schema():
+    assert {file.stem for file in Path(command.CONF).glob("*.yaml")} == set(SCHEMAS)
+
+
+@pytest.mark.parametrize("name", SCHEMAS)
+def test_a_configuration_composes_to_its_schema(name):
+    schema = SCHEMAS[name]
+    ConfigStore.instance().store(f"{name}_schema", command.named_as_typed(OmegaConf.structured(schema)))
+    with initialize_config_dir(str(command.CONF), version_base="1.3"):
+        config = compose(name)
+    typed = command.typed(config, schema)
+    assert isinstance(typed, schema)
+    if not hasattr(schema, "robot") and "robot" not in {f.name for f in dataclasses.fields(schema)}:
+        assert typed == schema()
+
+
+@pytest.mark.parametrize("schema", SCHEMAS.values())
+def test_every_setting_is_described(schema):
+    for name, (text, _) in command.setting_texts(schema).items():
+        assert text, name

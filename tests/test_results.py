@@ -1,0 +1,83 @@
+import dataclasses
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from benchmark.leaderboard import leaderboard, markdown, paired
+from benchmark.results import Condition, Episode, episodes_of, read_episodes, store_episodes
+from envs.outcome import EpisodeOutcome
+
+CONDITION = Condition(
+    robot="ur3", setting="embodied", base="0 0 0", branch="out", self_collision=True, joint_limits=True,
+    orientation_weight=1.0, method="direct", guidance_scale=0.0, sampler="DDIM", sampling_steps=10, training_seed=42,
+    checkpoint="seed42-1", checkpoint_hash="abc", field_fingerprint="", cell_size=float("nan"), batch_shape=10,
+    code_version="v1", commit="c1",
+)  # fmt: skip
+
+
+def episode(seed, p1=True, p2=True, condition=CONDITION):
+    values = {
+        f.name: 0.0 if f.type in (float, "float") else None for f in dataclasses.fields(EpisodeOutcome)
+    } | dict(
+        score=0.49 * p1 + 0.51 * p2, p1=p1, p2=p2, success_at_end=p2, length=100, mode=0,
+        failure_cause=None if p2 else "outer_reach",
+    )  # fmt: skip
+    return Episode(condition, seed, seed % 10, EpisodeOutcome(**values))
+
+
+def test_an_episode_stored_twice_is_one_row_and_the_later_one(tmp_path):
+    store_episodes(tmp_path, [episode(1), episode(2, p2=False)])
+    store_episodes(tmp_path, [episode(2), episode(3)])
+    table = read_episodes(tmp_path)
+    assert sorted(table.episode_seed) == [1, 2, 3] and table.p2.all()
+
+
+def test_other_lambdas_and_code_versions_are_told_apart(tmp_path):
+    guided = dataclasses.replace(CONDITION, method="paper", guidance_scale=0.5, field_fingerprint="f", cell_size=0.05)
+    newer = dataclasses.replace(CONDITION, code_version="v2")
+    store_episodes(tmp_path, [episode(1), episode(1, condition=guided)])
+    table = read_episodes(tmp_path)
+    assert len(episodes_of(table, CONDITION)) == len(episodes_of(table, guided)) == 1
+    assert episodes_of(table, newer).empty
+    store_episodes(tmp_path, [episode(1, condition=newer)])
+    table = read_episodes(tmp_path)
+    assert len(table) == 2 and episodes_of(table, CONDITION).empty
+
+
+STORE = """
+import sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+from test_results import episode, store_episodes
+for seed in range(int(sys.argv[3]), int(sys.argv[3]) + 5):
+    store_episodes(Path(sys.argv[2]), [episode(seed)])
+"""
+
+
+def test_two_processes_do_not_write_over_each_other(tmp_path):
+    tests = str(Path(__file__).parent)
+    commands = [[sys.executable, "-c", STORE, tests, str(tmp_path), first] for first in ("0", "100")]
+    running = [subprocess.Popen(command) for command in commands]
+    assert [process.wait(timeout=120) for process in running] == [0, 0]
+    assert len(read_episodes(tmp_path)) == 10
+
+
+def test_the_leaderboard_is_what_counting_by_hand_gives():
+    rows = [episode(0), episode(1, p2=False), episode(2, p1=False, p2=False), episode(3)]
+    (row,) = leaderboard(pd.DataFrame([e.row() for e in rows])).to_dict("records")
+    assert (row["n"], row["p1"], row["p2"], row["causes"]) == (4, 0.75, 0.5, {"outer_reach": 2})
+    assert row["score"] == pytest.approx((1 + 0.49 + 0 + 1) / 4)
+    assert row["p2_low"] < 0.5 < row["p2_high"]
+    assert "outer_reach 2" in markdown(leaderboard(pd.DataFrame([e.row() for e in rows])))
+
+
+def test_differences_are_taken_on_the_seeds_that_both_have():
+    a = pd.DataFrame([episode(s).row() for s in (1, 2, 3)])
+    b = pd.DataFrame([episode(s, p2=s == 3).row() for s in (2, 3, 4)])
+    table = paired(a, b).set_index("score")
+    assert (table.n == 2).all()
+    assert table.difference["p2"] == 0.5 and table.difference["p1"] == 0
+    assert table.p["p2"] == 1.0
