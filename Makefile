@@ -1,0 +1,34 @@
+# `make run` and `make test` set everything up first; a second call starts at once.
+.PHONY: run test check setup clean
+
+UV := .boot/bin/uv
+PYTHON := .venv/bin/python
+PYTEST := OMP_NUM_THREADS=1 $(PYTHON) -m pytest
+
+run: setup
+	$(PYTHON) -m benchmark.run robot=ur3 lambda=0.5
+
+test: setup
+	$(PYTEST)
+
+check: setup
+	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
+	$(PYTEST)
+
+setup: .venv/.ready
+
+# A folder of its own works with any pip, also where the system's packages are closed to it.
+$(UV):
+	python3 -m pip install --quiet --target .boot uv
+
+# Pictures need EGL, which Python packages cannot bring; everything else works without it.
+.venv/.ready: pyproject.toml .python-version $(UV)
+	$(UV) sync --compile-bytecode
+	@$(PYTHON) -c "import ctypes; ctypes.CDLL('libEGL.so.1')" 2>/dev/null \
+	|| { [ "$$(id -u)" = 0 ] && apt-get update -qq && apt-get install -y -qq libegl1 libgl1-mesa-dri; } \
+	|| echo "No EGL on this machine: no pictures. On Debian: sudo apt-get install libegl1 libgl1-mesa-dri"
+	@touch $@
+
+clean:
+	rm -rf .venv .boot uv.lock
