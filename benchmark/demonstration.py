@@ -39,14 +39,14 @@ class Demonstration:
 
 @cache
 def source_env() -> gymnasium.Env:
-    """The source arm's environment; one for each process, since building it takes seconds."""
+    """The source arm's environment, one per process: building it takes seconds."""
     return gymnasium.make(envs.ENVIRONMENTS[SOURCE])
 
 
 def demonstrate(env: gymnasium.Env, seed: int, kind: str) -> Demonstration:
     """Plays the oracle with the kind's disturbances until an episode succeeds.
 
-    Clean episodes are kept as they come, like the published ones: without disturbances they would only repeat.
+    Clean episodes are kept as they come, like the published ones: they would only repeat.
 
     Raises:
         RuntimeError: No attempt succeeded.
