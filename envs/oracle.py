@@ -17,6 +17,10 @@ ORIENT_STEP = 0.2
 """How far ahead on that circle the effector aims, in [rad]."""
 ORIENT_ABOVE, FLAT_BELOW = 0.2, 0.03
 """Yaw errors at which turning starts and stops, in [rad]."""
+KEEP_TURNING = math.pi / 8
+"""While a block is being turned, the other way round counts as shorter only by twice this, in [rad]: near the
+diagonal, where both ways are equally long, it would else be turned to and fro without end (2 % of
+episodes)."""
 ARRIVED = 0.001
 """A point is reached within this, in [m]."""
 PLACED = 0.04
@@ -69,7 +73,8 @@ class Oracle:
         """Where the effector should go now, in [m]; moves on to the next phase where one is done."""
         heading = (target - block[:2]) / np.linalg.norm(target - block[:2])
         behind = {d: block[:2] - d * heading for d in (PRE_BLOCK, NEXT_TO_BLOCK, TOUCHING)}
-        error = _quarter_turn_error(math.atan2(heading[1], heading[0]) - block[2])
+        bias = {"orient_left": KEEP_TURNING, "orient_right": -KEEP_TURNING}.get(self.phase, 0.0)
+        error = _quarter_turn_error(math.atan2(heading[1], heading[0]) - block[2] - bias) + bias
 
         if self.phase == "return" and _near(effector, self._first_pre_block):
             self.phase = "origin"

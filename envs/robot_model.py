@@ -23,8 +23,8 @@ ARMATURE = 0.1
 """Rotor inertia seen at every joint, in [kg m^2]; robosuite would set 5 / (i + 1), another one for every
 joint."""
 
-PUSHER_LENGTH = 0.045
-"""From the flange down, in [m]: with the flange at its height of .06 m the pusher ends at .015 m."""
+PUSHER_LENGTH = 0.04
+"""From the flange down, in [m]: with the flange at its height of .06 m the pusher ends at .02 m."""
 
 
 SHELL = "0.86 0.87 0.90 1"
@@ -107,11 +107,11 @@ def _rename_body(root: ET.Element, old: str, new: str) -> None:
 
 @register_gripper
 class Pusher(GripperModel):
-    """A vertical cylinder of radius 5 mm fixed to the flange, down to z = .015 m.
+    """A vertical cylinder of radius 5 mm fixed to the flange, down to the height of a block's centre.
 
-    The original's suction tool is as thick down to .028 m, where it touches the blocks, and ends in a thin tip
-    at .015 m that touches nothing. Touched only above .028 m, a block of MuJoCo's tips over now and then (in 5
-    of 100 episodes on a UR10, whose flange sways more than an xArm6's); along its full length, in none.
+    The original's suction tool is as thick down to .028 m, where it touches the blocks, and ends in a thin
+    tip at .015 m that touches nothing. Touched only above .028 m, a block of MuJoCo's tips over now and then
+    (in 5 of 100 episodes on a UR10, whose flange sways more than an xArm6's); touched down to .02 m, in none.
     """
 
     def __init__(self, idn: int | str = 0) -> None:
