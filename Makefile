@@ -18,9 +18,10 @@ check: setup
 
 setup: .venv/.ready
 
-# A folder of its own works with any pip, also where the system's packages are closed to it.
+# A folder of its own works with any pip, also where the system's packages are closed to it; from / pyenv is not asked
+# for the version that .python-version names.
 $(UV):
-	python3 -m pip install --quiet --target .boot uv
+	cd / && python3 -m pip install --quiet --target "$(CURDIR)/.boot" uv
 
 # Pictures need EGL, which Python packages cannot bring; everything else works without it.
 .venv/.ready: pyproject.toml .python-version $(UV)

@@ -4,18 +4,25 @@ python -m benchmark.build_maps robot=ur3
 """
 
 from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
 from benchmark.command import run_command
 from benchmark.config import BuildMapsConfig, EnergyConfig, MapConfig
 
+if TYPE_CHECKING:
+    from richmap.construction import BuildProgress
+    from richmap.energy import EnergyField
+    from richmap.reachability_map import ReachabilityMap
+
 SOURCE = "xarm6"
 """The arm that policies are trained on; its base frame is the world frame."""
 
 
-def robot_map(name: str, config: MapConfig, workers: int, console: Console):
-    """The robot's `ReachabilityMap`, built if it is not in the cache."""
+def robot_map(name: str, config: MapConfig, workers: int, console: Console) -> "ReachabilityMap":
+    """The robot's map, built if it is not in the cache."""
     from benchmark.cache import cached, fingerprint
     from richmap import (
         collision,
@@ -57,8 +64,10 @@ def robot_map(name: str, config: MapConfig, workers: int, console: Console):
     return built
 
 
-def energy_field(target: str, map_config: MapConfig, config: EnergyConfig, workers: int, console: Console):
-    """The `EnergyField` of a target arm against the source, and its path in the cache."""
+def energy_field(
+    target: str, map_config: MapConfig, config: EnergyConfig, workers: int, console: Console
+) -> tuple["EnergyField", Path]:
+    """The field of a target arm against the source, and its file in the cache."""
     from benchmark.cache import cached, fingerprint
     from richmap import energy, similarity
 
@@ -107,7 +116,7 @@ class MapProgress:
     def __exit__(self, *_: object) -> None:
         self._progress.stop()
 
-    def report(self, progress) -> None:
+    def report(self, progress: "BuildProgress") -> None:
         """The insertion rate falls about as 1 / poses, so the share done is stop rate over rate."""
         done = min(1.0, self._stop_rate / max(progress.batch_rate, 1e-9))
         self._progress.update(

@@ -12,7 +12,7 @@ import json
 import os
 import shutil
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -63,19 +63,26 @@ class CollectConfig:
 def collect(config: CollectConfig) -> Path:
     """Collects the demonstrations if they are not there yet, and gives their folder.
 
-    A run that was killed goes on with the chunks of episodes that it had stored.
+    A run that was killed goes on with the chunks of episodes that it had stored, by the same code.
     """
+    from benchmark.rollout import code_version
+
     root = Path(config.output_dir)
     if root.exists():
         _check_recipe(root, config)
         return root
-    digest = hashlib.sha256(json.dumps(config.recipe, sort_keys=True).encode()).hexdigest()[:12]
-    chunks = root.parent / f".{root.name}-{digest}"
+    about = {"recipe": config.recipe, "code": code_version()}
+    chunks = root.parent / f".{root.name}-{digest(about)}"
     chunks.mkdir(parents=True, exist_ok=True)
     _simulate(config, chunks)
-    _assemble(config, chunks, root)
+    _assemble(config, chunks, root, about)
     shutil.rmtree(chunks)
     return root
+
+
+def digest(values: Mapping[str, object]) -> str:
+    """Short name for settings: the same for equal ones, another for others."""
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:12]
 
 
 def _check_recipe(root: Path, config: CollectConfig) -> None:
@@ -142,13 +149,13 @@ def _kind(config: CollectConfig, seed: int) -> str:
     return "clean"
 
 
-def _assemble(config: CollectConfig, chunks: Path, root: Path) -> None:
+def _assemble(config: CollectConfig, chunks: Path, root: Path, about: Mapping[str, object]) -> None:
     """Writes the chunks as a LeRobotDataset, which appears under its name when it is complete."""
     from benchmark.demonstration_dataset import write_dataset
 
     partial = root.with_name(f".{root.name}.{os.getpid()}.tmp")
     write_dataset(_stored(config, chunks), partial, config.episodes)
-    about = {"recipe": config.recipe, "played": _played(config, chunks)}
+    about = {**about, "played": _played(config, chunks)}
     (partial / "meta" / "collect.json").write_text(json.dumps(about, indent=2) + "\n")
     os.replace(partial, root)
 

@@ -20,7 +20,7 @@ def print_report(tables: list[pd.DataFrame], output_dir: Path, console: Console)
     rows = [leaderboard(table).iloc[0] for table in tables]
     scores = Table(title="Percent, with 95 % intervals", title_justify="left")
     for name in ["robot", "setting", "lambda", "n", *SCORES]:
-        scores.add_column(name)
+        scores.add_column(name.replace("_", " "))
     for row in rows:
         intervals = [with_interval(row, name) for name in SCORES]
         scores.add_row(row.robot, row.setting, f"{row['lambda']:g}", str(row.n), *intervals)
@@ -37,6 +37,6 @@ def print_report(tables: list[pd.DataFrame], output_dir: Path, console: Console)
         for _, row in paired(table, tables[0]).iterrows():
             interval = f"[{100 * row.low:+.1f}, {100 * row.high:+.1f}]"
             p = "" if pd.isna(row.p) else f"{row.p:.3g}"
-            difference.add_row(row.score, str(row.n), f"{100 * row.difference:+.1f}", interval, p)
+            difference.add_row(row.score.replace("_", " "), str(row.n), f"{100 * row.difference:+.1f}", interval, p)
         console.print(difference)
     console.print(f"Episodes: {output_dir / 'episodes.parquet'}", soft_wrap=True)

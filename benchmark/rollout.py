@@ -2,10 +2,12 @@
 
 import hashlib
 import subprocess
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import redirect_stdout
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
+from io import StringIO
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -46,9 +48,11 @@ def roll_out(rollout: Rollout, seeds: Iterable[int], workers: int) -> Iterator[l
     batches: dict[int, list[int]] = {}
     for seed in seeds:
         batches.setdefault(seed // rollout.condition.batch_shape, []).append(seed)
+    if not batches:
+        return
     workers = min(workers, len(batches))
     with ProcessPoolExecutor(workers, get_context("spawn"), initializer=start_worker) as pool:
-        yield from pool.map(_Batch(rollout), batches.values())
+        yield from pool.map(partial(play, rollout), batches.values())
 
 
 def code_version() -> str:
@@ -71,43 +75,51 @@ def commit() -> str:
         return ""
 
 
-@dataclass(frozen=True)
-class _Batch:
-    """Runs the episodes of one batch in lock-step."""
+def play(
+    rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], None] | None = None
+) -> list[Episode]:
+    """Run the episodes of one batch in lock-step.
 
-    rollout: Rollout
+    Args:
+        rollout: What is rolled out.
+        seeds: Episode seeds that share a batch.
+        watch: Called with each environment, which then renders, after its reset and each of its steps.
+    """
+    import torch
 
-    def __call__(self, seeds: list[int]) -> list[Episode]:
-        import torch
+    from policies.noise import episode_noise
 
-        from policies.noise import episode_noise
+    shape = rollout.condition.batch_shape
+    seed_of = {seed % shape: seed for seed in seeds}
+    policy = _policy(rollout)
+    policy.reset()
+    state, environment = np.zeros((shape, 4), np.float32), np.zeros((shape, 12), np.float32)
+    environments = {slot: _environment(rollout.condition, slot, watch is not None) for slot in seed_of}
+    infos: dict[int, list[dict]] = {slot: [] for slot in seed_of}
 
-        shape = self.rollout.condition.batch_shape
-        policy = _policy(self.rollout)
-        policy.reset()
-        envs_by_slot = {seed % shape: _environment(self.rollout.condition, seed % shape) for seed in seeds}
-        seed_of = {seed % shape: seed for seed in seeds}
-        state, environment = np.zeros((shape, 4), np.float32), np.zeros((shape, 12), np.float32)
-        infos: dict[int, list[dict]] = {}
-        for slot, env in envs_by_slot.items():
-            observation, info = env.reset(seed=seed_of[slot])
-            state[slot], environment[slot] = observation["agent_pos"], observation["environment_state"]
-            infos[slot] = [info]
-        active, step = set(seed_of), 0
-        while active:
-            noise = episode_noise([seed_of.get(slot, 0) for slot in range(shape)], step, policy.noise_shape)
-            with torch.inference_mode():
-                batch = {"observation.state": state, "observation.environment_state": environment}
-                batch = {key: torch.tensor(value, device=self.rollout.device) for key, value in batch.items()}
-                actions = policy.select_action(batch, noise=noise.to(self.rollout.device)).cpu().numpy()
-            for slot in sorted(active):
-                observation, _, terminated, truncated, info = envs_by_slot[slot].step(actions[slot])
-                state[slot], environment[slot] = observation["agent_pos"], observation["environment_state"]
-                infos[slot].append(info)
-                if terminated or truncated:
-                    active.remove(slot)
-            step += 1
-        return [Episode(self.rollout.condition, seed_of[s], s, summarize(infos[s])) for s in sorted(seed_of)]
+    def take(slot: int, observation: dict[str, np.ndarray], info: dict) -> None:
+        state[slot], environment[slot] = observation["agent_pos"], observation["environment_state"]
+        infos[slot].append(info)
+        if watch:
+            watch(environments[slot])
+
+    for slot, seed in seed_of.items():
+        take(slot, *environments[slot].reset(seed=seed))
+    active, step = sorted(seed_of), 0
+    while active:
+        noise = episode_noise([seed_of.get(slot, 0) for slot in range(shape)], step, policy.noise_shape)
+        batch = {"observation.state": state, "observation.environment_state": environment}
+        batch = {key: torch.tensor(value, device=rollout.device) for key, value in batch.items()}
+        with torch.inference_mode():
+            actions = policy.select_action(batch, noise=noise.to(rollout.device)).cpu().numpy()
+        over = set()
+        for slot in active:
+            observation, _, terminated, truncated, info = environments[slot].step(actions[slot])
+            take(slot, observation, info)
+            if terminated or truncated:
+                over.add(slot)
+        active, step = [slot for slot in active if slot not in over], step + 1
+    return [Episode(rollout.condition, seed_of[s], s, summarize(infos[s])) for s in sorted(seed_of)]
 
 
 @lru_cache(maxsize=1)
@@ -122,15 +134,19 @@ def _policy(rollout: Rollout) -> "GuidedPushPolicy":
     config.energy_field = None if rollout.field is None else str(rollout.field)
     config.noise_scheduler_type = rollout.condition.sampler
     config.num_inference_steps = rollout.condition.sampling_steps
-    policy = modeling.GuidedPushPolicy.from_pretrained(rollout.checkpoint, config=config)
+    with redirect_stdout(StringIO()):  # LeRobot says that it loads weights.
+        policy = modeling.GuidedPushPolicy.from_pretrained(rollout.checkpoint, config=config)
     return policy.to(rollout.device).eval()
 
 
 @lru_cache(maxsize=64)
-def _environment(condition: Condition, slot: int) -> gymnasium.Env:
+def _environment(condition: Condition, slot: int, render: bool) -> gymnasium.Env:
     """The environment of a row; kept from batch to batch."""
     return gymnasium.make(
-        envs.ENVIRONMENTS[condition.robot], setting=condition.setting, obs_type="environment_state_agent_pos"
+        envs.ENVIRONMENTS[condition.robot],
+        setting=condition.setting,
+        obs_type="environment_state_agent_pos",
+        render_mode="rgb_array" if render else None,
     )
 
 

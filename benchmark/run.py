@@ -4,9 +4,16 @@ python -m benchmark.run robot=ur3 lambda=0.5
 """
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from benchmark.command import SettingError, run_command
 from benchmark.config import RunConfig
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.console import Console
+
+    from benchmark.rollout import Rollout
 
 CHECKPOINTS = Path(__file__).parents[1] / "results" / "checkpoints"
 
@@ -19,8 +26,10 @@ def main(config: RunConfig) -> None:
     from benchmark.report import print_report
 
     console = Console()
-    scales = sorted({0.0, config.guidance_scale})
-    tables = [run_condition(config, scale, checkpoint, console) for scale in scales]
+    rollouts = [
+        make_rollout(config, scale, checkpoint, console) for scale in sorted({0.0, config.guidance_scale})
+    ]
+    tables = [run_and_store(rollout, config, console) for rollout in rollouts]
     print_report(tables, Path(config.output_dir), console)
 
 
@@ -41,24 +50,24 @@ def checkpoint_folder(seed: int) -> Path:
     return folder
 
 
-def run_condition(config: RunConfig, scale: float, checkpoint: Path, console):
-    """The episodes of one lambda, as rows of the table: the stored ones, and the rest rolled out and stored."""
+def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Console") -> "Rollout":
+    """What is rolled out at one lambda; builds the energy field if it is needed and not in the cache."""
     import hashlib
     import math
 
     import torch
 
     from benchmark.build_maps import energy_field
-    from benchmark.progress import progress_bar
-    from benchmark.results import Condition, episodes_of, read_episodes, store_episodes
-    from benchmark.rollout import Rollout, code_version, commit, condition_of_arm, roll_out
+    from benchmark.results import Condition
+    from benchmark.rollout import Rollout, code_version, commit, condition_of_arm
 
-    robot, output_dir = config.robot.name, Path(config.output_dir)
     field, field_path = None, None
     if scale > 0:
-        field, field_path = energy_field(robot, config.map, config.energy, config.workers, console)
+        field, field_path = energy_field(
+            config.robot.name, config.map, config.energy, config.workers, console
+        )
     condition = Condition(
-        **condition_of_arm(robot, config.setting),
+        **condition_of_arm(config.robot.name, config.setting),
         method="paper" if scale > 0 else "direct",
         guidance_scale=scale,
         sampler=config.sampler,
@@ -75,19 +84,26 @@ def run_condition(config: RunConfig, scale: float, checkpoint: Path, console):
     device = config.device
     if device == "auto":
         device = "cuda" if torch.cuda.is_available() else "cpu"
+    return Rollout(condition, checkpoint, field_path, device)
+
+
+def run_and_store(rollout: "Rollout", config: RunConfig, console: "Console") -> "pd.DataFrame":
+    """Rows of all episodes of a rollout: the stored ones, and the rest run and stored batch by batch."""
+    from benchmark.progress import progress_bar
+    from benchmark.results import episodes_of, read_episodes, store_episodes
+    from benchmark.rollout import roll_out
+
+    output_dir, condition = Path(config.output_dir), rollout.condition
     seeds = range(config.seed_start, config.seed_start + config.episodes)
     stored = set(episodes_of(read_episodes(output_dir), condition).get("episode_seed", []))
     missing = [seed for seed in seeds if seed not in stored]
     with progress_bar(console) as progress:
-        task = progress.add_task(
-            f"{robot}, lambda {scale:g}", total=len(seeds), completed=len(seeds) - len(missing)
-        )
-        if missing:
-            for episodes in roll_out(
-                Rollout(condition, checkpoint, field_path, device), missing, config.workers
-            ):
-                store_episodes(output_dir, episodes)
-                progress.advance(task, len(episodes))
+        done = len(seeds) - len(missing)
+        name = f"{condition.robot}, lambda {condition.guidance_scale:g}"
+        task = progress.add_task(name, total=len(seeds), completed=done)
+        for episodes in roll_out(rollout, missing, config.workers):
+            store_episodes(output_dir, episodes)
+            progress.advance(task, len(episodes))
     table = episodes_of(read_episodes(output_dir), condition)
     return table[table.episode_seed.isin(seeds)]
 

@@ -12,11 +12,13 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from benchmark.collect import CollectConfig, collect
+from benchmark.collect import CollectConfig, collect, digest
 from benchmark.command import SettingError, check_setting, run_command
 
 if TYPE_CHECKING:
+    from accelerate import Accelerator
     from lerobot.configs.train import TrainPipelineConfig
+    from lerobot.utils.logging_utils import MetricsTracker
 
     from benchmark.demonstration_tensors import DemonstrationTensors
 
@@ -55,7 +57,14 @@ class TrainConfig:
 
     @property
     def checkpoint(self) -> Path:
+        """Folder of the finished policy."""
         return Path(self.output_dir) / f"seed{self.seed}-1"
+
+    @property
+    def states(self) -> Path:
+        """Folder of the states of an unfinished run; runs with other settings never share one."""
+        recipe = {**asdict(self), "demonstrations": self.demonstrations.recipe, "save_every": None}
+        return self.checkpoint.with_name(f".{self.checkpoint.name}-{digest(recipe)}")
 
 
 def train(config: TrainConfig) -> Path:
@@ -79,7 +88,7 @@ def train(config: TrainConfig) -> Path:
     pipeline = _pipeline(config, root)
     state = _optimise(config, pipeline, demonstrations)
     _publish(state, config, pipeline, demonstrations)
-    shutil.rmtree(pipeline.output_dir)
+    shutil.rmtree(config.states)
     return config.checkpoint
 
 
@@ -94,7 +103,7 @@ def _pipeline(config: TrainConfig, root: Path) -> "TrainPipelineConfig":
     return TrainPipelineConfig(
         DatasetConfig(f"local/{root.name}", root=str(root), video_backend="pyav"),
         policy=policy,
-        output_dir=config.checkpoint.with_name(f".{config.checkpoint.name}"),
+        output_dir=config.states,
         seed=config.seed,
         batch_size=config.batch_size,
         steps=config.steps,
@@ -109,11 +118,9 @@ def _optimise(
     config: TrainConfig, pipeline: "TrainPipelineConfig", demonstrations: "DemonstrationTensors"
 ) -> Path:
     """All steps, from the stored state if there is one; gives the folder of the last state."""
-    from accelerate import Accelerator
     from lerobot.optim.factory import make_optimizer_and_scheduler
     from lerobot.policies import make_policy, make_pre_post_processors
     from lerobot.scripts.lerobot_train import update_policy
-    from lerobot.utils.logging_utils import AverageMeter, MetricsTracker
     from lerobot.utils.random_utils import set_seed
 
     from benchmark.progress import progress_bar
@@ -123,16 +130,10 @@ def _optimise(
     policy = make_policy(pipeline.policy, ds_meta=demonstrations.meta)
     processors = make_pre_post_processors(pipeline.policy, dataset_stats=demonstrations.meta.stats)
     optimizer, scheduler = make_optimizer_and_scheduler(pipeline, policy)
-    state = last_state(pipeline.output_dir)
+    state = last_state(config.states)
     first = load_state(state, policy, optimizer, scheduler) if state else 0
-    accelerator = Accelerator(
-        step_scheduler_with_optimizer=False,
-        mixed_precision="bf16" if config.precision == "bfloat16" else "no",
-        cpu=config.device == "cpu",
-    )
+    accelerator, tracker = _accelerator(config), _tracker(config, demonstrations)
     ready, ready_optimizer, ready_scheduler = accelerator.prepare(policy, optimizer, scheduler)
-    meters = {name: AverageMeter(name) for name in ("loss", "grad_norm", "lr", "update_s", "gpu_mem_gb")}
-    tracker = MetricsTracker(config.batch_size, demonstrations.n_frames, demonstrations.n_episodes, meters)
     with progress_bar() as progress:
         task = progress.add_task("Training", total=config.steps, completed=first)
         for step in range(first, config.steps):
@@ -142,10 +143,26 @@ def _optimise(
             progress.update(task, advance=1, description=f"Training, loss {tracker.loss.avg:.4f}")
             if (step + 1) % config.save_every == 0 or step + 1 == config.steps:
                 state = save_state(
-                    pipeline.output_dir, step + 1, pipeline, policy, optimizer, scheduler, processors
+                    config.states, step + 1, pipeline, policy, optimizer, scheduler, processors
                 )
                 tracker.reset_averages()
     return state
+
+
+def _accelerator(config: TrainConfig) -> "Accelerator":
+    from accelerate import Accelerator
+
+    precision = {"bfloat16": "bf16", "float32": "no"}[config.precision]
+    return Accelerator(
+        step_scheduler_with_optimizer=False, mixed_precision=precision, cpu=config.device == "cpu"
+    )
+
+
+def _tracker(config: TrainConfig, demonstrations: "DemonstrationTensors") -> "MetricsTracker":
+    from lerobot.utils.logging_utils import AverageMeter, MetricsTracker
+
+    meters = {name: AverageMeter(name) for name in ("loss", "grad_norm", "lr", "update_s", "gpu_mem_gb")}
+    return MetricsTracker(config.batch_size, demonstrations.n_frames, demonstrations.n_episodes, meters)
 
 
 def _publish(

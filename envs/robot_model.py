@@ -65,7 +65,6 @@ def _arm_xml(name: str, visual: bool) -> str:
     """MJCF of the arm as robosuite wants it: gravity is compensated, joints are moved by position servos."""
     robot = load_robot(name)
     spec = arm_spec(robot, visual=visual)
-    spec.compiler.discardvisual = False  # On by default for models that come from a URDF.
     root = ET.fromstring(spec.to_xml())
     for body in root.iter("body"):
         body.set("gravcomp", "1")

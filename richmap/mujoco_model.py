@@ -24,6 +24,7 @@ def arm_spec(robot: RobotDescription, visual: bool = False) -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
     spec.compiler.fusestatic = False
     spec.compiler.balanceinertia = True
+    spec.compiler.discardvisual = False  # On by default for models that come from a URDF.
     for link, parts in load_convex_parts(robot).items():
         for i, vertices in enumerate(parts):
             mesh = spec.add_mesh(name=f"{link}_part{i}", uservert=vertices.ravel())

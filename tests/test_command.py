@@ -29,7 +29,9 @@ def run(*arguments):
     command = [sys.executable, "-X", "importtime", "-m", "benchmark.run", *arguments]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     errors = [line for line in done.stderr.splitlines() if not line.startswith("import time:")]
-    imported = {line.rsplit("|", 1)[1].strip() for line in done.stderr.splitlines() if line.startswith("import time:")}
+    imported = {
+        line.rsplit("|", 1)[1].strip() for line in done.stderr.splitlines() if line.startswith("import time:")
+    }
     return done.returncode, done.stdout, errors, imported, time.monotonic() - start
 
 
@@ -44,6 +46,13 @@ def test_a_bad_setting_ends_in_one_line_before_anything_heavy_is_imported(argume
 def test_help_lists_every_setting_with_unit_and_default():
     status, output, errors, imported, _ = run("--help")
     assert status == 0 and errors == [] and "torch" not in imported
-    for shown in ("robot=ur3", "lambda=0.0", "episodes=50", "seed=42", "setting=embodied", "output_dir=results"):
+    for shown in (
+        "robot=ur3",
+        "lambda=0.0",
+        "episodes=50",
+        "seed=42",
+        "setting=embodied",
+        "output_dir=results",
+    ):
         assert shown in output
     assert "device=auto" in output and "in m" in output and "1/m" in output

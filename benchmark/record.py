@@ -1,0 +1,39 @@
+"""A GIF of one episode.
+
+python -m benchmark.record robot=ur3 lambda=0.5 seed_start=100000 output_dir=results/figures
+"""
+
+from pathlib import Path
+
+from benchmark.command import run_command
+from benchmark.config import RunConfig
+from benchmark.run import checkpoint_folder, make_rollout
+
+FRAMES_PER_SECOND = 20
+"""Twice the speed of the episode, at a frame per control step."""
+
+
+def main(config: RunConfig) -> None:
+    """Play the episode with seed `seed_start` and write it to `output_dir`."""
+    checkpoint = checkpoint_folder(config.seed)
+    import imageio.v3 as imageio
+    from rich.console import Console
+
+    from benchmark.rollout import play
+
+    console = Console()
+    rollout = make_rollout(config, config.guidance_scale, checkpoint, console)
+    frames = []
+    (episode,) = play(rollout, [config.seed_start], watch=lambda env: frames.append(env.render()[::2, ::2]))
+    scale = f"{config.guidance_scale:g}"
+    file = (
+        Path(config.output_dir)
+        / f"{config.robot.name}-{config.setting}-lambda{scale}-{config.seed_start}.gif"
+    )
+    file.parent.mkdir(parents=True, exist_ok=True)
+    imageio.imwrite(file, frames[::2], duration=2000 / FRAMES_PER_SECOND, loop=0)
+    console.print(f"{file}: score {episode.outcome.score}, {episode.outcome.length} steps", soft_wrap=True)
+
+
+if __name__ == "__main__":
+    run_command(main, RunConfig, "record")

@@ -1,0 +1,68 @@
+"""The field of a UR3 against the xArm6, from real maps, as far as they are full after a minute."""
+
+import numpy as np
+import pytest
+
+from richmap.construction import build_map
+from richmap.energy import EnergyField, EnergySettings
+from richmap.grid import Grid
+from richmap.reachability_map import Construction
+from richmap.robot import load_robot
+from richmap.similarity import similarity
+
+FLANGE_HEIGHT = 0.06
+
+RADIAL_SLOPE = {
+    0.05: -0.100, 0.10: -0.063, 0.15: -0.019, 0.20: -0.003, 0.25: -0.000, 0.30: 0.001, 0.35: 0.012,
+    0.40: 0.050, 0.45: 0.121, 0.50: 0.189, 0.55: 0.219, 0.60: 0.234, 0.70: 0.241,
+}  # fmt: skip
+"""dE/dR in [1/m], mean over R to R + .05 m, of an independent implementation with convex hulls."""
+
+
+@pytest.fixture(scope="module")
+def maps():
+    grid = Grid.around_base(cell_size=0.05, half_width=1.0, z_offset=0.2)
+    built = {}
+    for name in ("xarm6", "ur3"):
+        robot = load_robot(name)
+        settings = Construction(name, robot.fingerprint, 0.1, seed=0, batch=8192, turns=64, stop_rate=0.1)
+        built[name] = build_map(robot, grid, settings, workers=1)
+    return built
+
+
+@pytest.fixture(scope="module")
+def field(maps):
+    grid = similarity(maps["xarm6"], maps["ur3"])
+    return EnergyField.from_similarity(grid, EnergySettings(), {})
+
+
+def ring(radius):
+    """Points all around the base at the flange's height, and the outward direction at each."""
+    angle, r = np.meshgrid(
+        np.linspace(-np.pi, np.pi, 360, endpoint=False), radius + np.linspace(0, 0.05, 11)[:-1]
+    )
+    outward = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], -1).reshape(-1, 3)
+    return outward * r.reshape(-1, 1) + [0, 0, FLANGE_HEIGHT], outward
+
+
+@pytest.mark.parametrize("radius", RADIAL_SLOPE)
+def test_the_radial_slope_is_that_of_an_independent_implementation(field, radius):
+    points, outward = ring(radius)
+    _, gradient = field.value_and_gradient(points)
+    assert (gradient * outward).sum(1).mean() == pytest.approx(RADIAL_SLOPE[radius], abs=0.035)
+
+
+def test_the_field_is_radial_because_the_arms_turn_about_the_vertical(field):
+    points, outward = ring(0.5)
+    _, gradient = field.value_and_gradient(points)
+    radial = (gradient * outward).sum(1)
+    tangential = np.cross(outward, gradient)[:, 2]
+    assert np.abs(tangential).mean() < 0.1 * np.abs(radial).mean()
+
+
+def test_full_cells_keep_their_directions_theta_apart(maps):
+    robot_map = maps["ur3"]
+    for cell in np.argsort(np.diff(robot_map.start))[-20:]:
+        v = robot_map.directions[robot_map.start[cell] : robot_map.start[cell + 1]].astype(float)
+        cosine = v @ v.T - 2 * np.eye(len(v))
+        assert np.arccos(cosine.max()) >= 0.1 - 1e-4
