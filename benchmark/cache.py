@@ -24,7 +24,7 @@ def fingerprint(inputs: dict[str, Any], code: list[ModuleType]) -> str:
     return digest.hexdigest()
 
 
-def cached(path: str, load: Callable[[Path], Value], make: Callable[[], Value]) -> tuple[Value, Path]:
+def cached[Value](path: str, load: Callable[[Path], Value], make: Callable[[], Value]) -> tuple[Value, Path]:
     """The value of a file in the cache folder, made first if it is not there or cannot be read.
 
     A value must have `save(path)`. Two processes that want the same file make it once.

@@ -30,7 +30,7 @@ class SettingError(ValueError):
     """A setting has a value that it cannot have; the message names the setting, the value and what is allowed."""
 
 
-def run_command(main: Callable[[Config], None], schema: type[Config], name: str) -> None:
+def run_command[Config](main: Callable[[Config], None], schema: type[Config], name: str) -> None:
     """Read settings `key=value` from the command line into a `schema` and call `main` with it.
 
     Defaults and descriptions are those of the schema, `conf/<name>.yaml` says how it is composed, `--help` lists it.
@@ -54,9 +54,7 @@ def run_command(main: Callable[[Config], None], schema: type[Config], name: str)
     except (SettingError, HydraException) as error:
         _refuse(error)
     except KeyboardInterrupt:
-        print(
-            "Interrupted. What was finished is stored; the same command goes on from there.", file=sys.stderr
-        )
+        print("Interrupted. What was finished is stored; the same command goes on from there.", file=sys.stderr)
         sys.exit(130)
 
 
@@ -123,7 +121,7 @@ def _check_arguments(arguments: list[str], schema: type) -> None:
             check_setting(override.value() in choices, key, override.value(), ", ".join(choices))
 
 
-def typed(config: DictConfig, schema: type[Config]) -> Config:
+def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
     """The composed settings as an object of the schema."""
     values = {PYTHON_NAME.get(str(key), str(key)): value for key, value in config.items()}
     texts = setting_texts(schema)

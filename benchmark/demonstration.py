@@ -63,9 +63,7 @@ def _attempt(env: gymnasium.Env, seed: int, kind: str, attempt: int) -> Demonstr
     options = {"scene": _wide_scene(rng)} if kind == "wide" else None
     observation, info = env.reset(seed=seed, options=options)
     oracle = Oracle(info["mode"])
-    oracle(
-        _as_at_start(observation)
-    )  # It returns to where it first sees itself; let that be the usual start.
+    oracle(_as_at_start(observation))  # It returns to where it first sees itself; let that be the usual start.
     disturbance = Disturbance(kind, rng)
     steps = []
     over = False
@@ -106,9 +104,7 @@ def _wide_scene(rng: np.random.Generator) -> Scene:
             for t, target in enumerate((scene.target, scene.target2))
             if np.linalg.norm(block[:2] - target[:2]) < PLACED
         }
-        modes = [
-            mode for mode, (first, second) in enumerate(PLANS) if first not in placed and placed <= {second}
-        ]
+        modes = [mode for mode, (first, second) in enumerate(PLANS) if first not in placed and placed <= {second}]
         if modes:
             return replace(scene, mode=int(rng.choice(modes)))
 

@@ -111,9 +111,7 @@ def main(config: LeaderboardConfig) -> None:
     folder = Path(config.output_dir)
     episodes = read_episodes(folder)
     if episodes.empty:
-        raise SystemExit(
-            f"error: there is no {folder / 'episodes.parquet'}. Make one: python -m benchmark.run"
-        )
+        raise SystemExit(f"error: there is no {folder / 'episodes.parquet'}. Make one: python -m benchmark.run")
     (folder / "LEADERBOARD.md").write_text(markdown(leaderboard(episodes)))
     print(folder / "LEADERBOARD.md")
 

@@ -33,9 +33,7 @@ Licence: MIT, like the code that made it.
 """
 
 
-def write_model_card(
-    folder: Path, name: str, facts: Mapping[str, object], config: Mapping[str, object]
-) -> None:
+def write_model_card(folder: Path, name: str, facts: Mapping[str, object], config: Mapping[str, object]) -> None:
     """Writes README.md beside the weights.
 
     Args:

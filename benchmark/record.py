@@ -26,10 +26,7 @@ def main(config: RunConfig) -> None:
     frames = []
     (episode,) = play(rollout, [config.seed_start], watch=lambda env: frames.append(env.render()[::2, ::2]))
     scale = f"{config.guidance_scale:g}"
-    file = (
-        Path(config.output_dir)
-        / f"{config.robot.name}-{config.setting}-lambda{scale}-{config.seed_start}.gif"
-    )
+    file = Path(config.output_dir) / f"{config.robot.name}-{config.setting}-lambda{scale}-{config.seed_start}.gif"
     file.parent.mkdir(parents=True, exist_ok=True)
     imageio.imwrite(file, frames[::2], duration=2000 / FRAMES_PER_SECOND, loop=0)
     console.print(f"{file}: score {episode.outcome.score}, {episode.outcome.length} steps", soft_wrap=True)

@@ -57,9 +57,7 @@ def roll_out(rollout: Rollout, seeds: Iterable[int], workers: int) -> Iterator[l
 
 def code_version() -> str:
     """SHA-256, first 12 digits, over the code that decides an episode."""
-    files = [
-        file for package in ("richmap", "envs", "policies") for file in sorted((ROOT / package).glob("*.py"))
-    ]
+    files = [file for package in ("richmap", "envs", "policies") for file in sorted((ROOT / package).glob("*.py"))]
     digest = hashlib.sha256()
     for file in [*files, Path(__file__)]:
         digest.update(file.read_bytes())
@@ -75,9 +73,7 @@ def commit() -> str:
         return ""
 
 
-def play(
-    rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], None] | None = None
-) -> list[Episode]:
+def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], None] | None = None) -> list[Episode]:
     """Run the episodes of one batch in lock-step.
 
     Args:

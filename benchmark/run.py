@@ -26,9 +26,7 @@ def main(config: RunConfig) -> None:
     from benchmark.report import print_report
 
     console = Console()
-    rollouts = [
-        make_rollout(config, scale, checkpoint, console) for scale in sorted({0.0, config.guidance_scale})
-    ]
+    rollouts = [make_rollout(config, scale, checkpoint, console) for scale in sorted({0.0, config.guidance_scale})]
     tables = [run_and_store(rollout, config, console) for rollout in rollouts]
     print_report(tables, Path(config.output_dir), console)
 
@@ -41,9 +39,7 @@ def checkpoint_folder(seed: int) -> Path:
     """
     folder = CHECKPOINTS / f"seed{seed}-1"
     if not folder.exists():
-        there = ", ".join(
-            sorted(f.name.removeprefix("seed").split("-")[0] for f in CHECKPOINTS.glob("seed*-1"))
-        )
+        there = ", ".join(sorted(f.name.removeprefix("seed").split("-")[0] for f in CHECKPOINTS.glob("seed*-1")))
         raise SettingError(
             f"seed={seed} has no checkpoint. Trained seeds: {there}. Train it: python -m benchmark.train seed={seed}"
         )
@@ -63,9 +59,7 @@ def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Co
 
     field, field_path = None, None
     if scale > 0:
-        field, field_path = energy_field(
-            config.robot.name, config.map, config.energy, config.workers, console
-        )
+        field, field_path = energy_field(config.robot.name, config.map, config.energy, config.workers, console)
     condition = Condition(
         **condition_of_arm(config.robot.name, config.setting),
         method="paper" if scale > 0 else "direct",

@@ -19,9 +19,7 @@ def rate_interval(values: Float[np.ndarray, " n"]) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def paired_difference(
-    treated: Float[np.ndarray, " n"], control: Float[np.ndarray, " n"]
-) -> tuple[float, float, float]:
+def paired_difference(treated: Float[np.ndarray, " n"], control: Float[np.ndarray, " n"]) -> tuple[float, float, float]:
     """Mean of treated - control over the same episodes, with the interval of Bonett & Price (2012).
 
     Theirs is the Wald interval after one more pair in each direction; it stays honest where no pair differs.

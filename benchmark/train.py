@@ -114,9 +114,7 @@ def _pipeline(config: TrainConfig, root: Path) -> "TrainPipelineConfig":
     )
 
 
-def _optimise(
-    config: TrainConfig, pipeline: "TrainPipelineConfig", demonstrations: "DemonstrationTensors"
-) -> Path:
+def _optimise(config: TrainConfig, pipeline: "TrainPipelineConfig", demonstrations: "DemonstrationTensors") -> Path:
     """All steps, from the stored state if there is one; gives the folder of the last state."""
     from lerobot.optim.factory import make_optimizer_and_scheduler
     from lerobot.policies import make_policy, make_pre_post_processors
@@ -142,9 +140,7 @@ def _optimise(
             update_policy(tracker, ready, batch, ready_optimizer, clip, accelerator, ready_scheduler)
             progress.update(task, advance=1, description=f"Training, loss {tracker.loss.avg:.4f}")
             if (step + 1) % config.save_every == 0 or step + 1 == config.steps:
-                state = save_state(
-                    config.states, step + 1, pipeline, policy, optimizer, scheduler, processors
-                )
+                state = save_state(config.states, step + 1, pipeline, policy, optimizer, scheduler, processors)
                 tracker.reset_averages()
     return state
 
@@ -153,9 +149,7 @@ def _accelerator(config: TrainConfig) -> "Accelerator":
     from accelerate import Accelerator
 
     precision = {"bfloat16": "bf16", "float32": "no"}[config.precision]
-    return Accelerator(
-        step_scheduler_with_optimizer=False, mixed_precision=precision, cpu=config.device == "cpu"
-    )
+    return Accelerator(step_scheduler_with_optimizer=False, mixed_precision=precision, cpu=config.device == "cpu")
 
 
 def _tracker(config: TrainConfig, demonstrations: "DemonstrationTensors") -> "MetricsTracker":

@@ -30,9 +30,7 @@ def save_state(
     """Stores the state after this many steps in one atomic move, then removes the one before."""
     partial, complete = folder / "partial", folder / f"{step:06d}"
     shutil.rmtree(partial, ignore_errors=True)
-    save_checkpoint(
-        partial, step, pipeline, policy, optimizer, scheduler, *processors, batch_size=pipeline.batch_size
-    )
+    save_checkpoint(partial, step, pipeline, policy, optimizer, scheduler, *processors, batch_size=pipeline.batch_size)
     save_file(policy.state_dict(), partial / RAW_WEIGHTS)
     before = last_state(folder)
     os.replace(partial, complete)

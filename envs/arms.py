@@ -55,9 +55,7 @@ SETTINGS = {
 _UR_POSTURES = {"out": (-0.2, -1.2, 1.8, -2.2, -1.57, 0.4), "in": (-0.2, -1.2, 1.8, 0.8, 1.57, -2.8)}
 POSTURES = {
     ("xarm6", "out"): (0.0, 0.7, -1.1, 0.0, 0.4, -4.1),
-    **{
-        (robot, wrist): posture for robot in ("ur3", "ur5", "ur10") for wrist, posture in _UR_POSTURES.items()
-    },
+    **{(robot, wrist): posture for robot in ("ur3", "ur5", "ur10") for wrist, posture in _UR_POSTURES.items()},
 }
 """Roughly how each arm holds its tool upright in front of it, elbow up, at pan zero, in [rad]: it picks the
 branch."""
@@ -72,9 +70,7 @@ def make_kinematics(setting: ArmSetting) -> InverseKinematics:
     """Inverse kinematics that keeps the elbow up and, where they bind, the joint limits."""
     robot = load_robot(setting.robot)
     unlimited = np.full(len(robot.joints), np.inf)
-    lower, upper = (
-        (robot.lower.copy(), robot.upper.copy()) if setting.joint_limits else (-unlimited, unlimited)
-    )
+    lower, upper = (robot.lower.copy(), robot.upper.copy()) if setting.joint_limits else (-unlimited, unlimited)
     straight, folded = ELBOWS[setting.robot]
     lower[2], upper[2] = max(lower[2], straight), min(upper[2], folded)
     return InverseKinematics(robot, np.array(setting.base), setting.orientation_weight, lower, upper)
@@ -105,9 +101,7 @@ def arm_setting(
         "self_collision": self_collision,
         "orientation_weight": orientation_weight,
     }
-    chosen = replace(
-        SETTINGS[setting][robot], **{key: value for key, value in given.items() if value is not None}
-    )
+    chosen = replace(SETTINGS[setting][robot], **{key: value for key, value in given.items() if value is not None})
     if not chosen.orientation_weight > 0:
         raise ValueError(f"orientation_weight must be above 0 m/rad. Got {chosen.orientation_weight}")
     if (robot, chosen.wrist) not in POSTURES:

@@ -19,9 +19,7 @@ from envs.workspace import CONTROL_FREQUENCY, WORKSPACE
 from richmap.robot import load_robot
 
 with warnings.catch_warnings():
-    warnings.simplefilter(
-        "ignore", SyntaxWarning
-    )  # From robosuite's own text, when Python first compiles it.
+    warnings.simplefilter("ignore", SyntaxWarning)  # From robosuite's own text, when Python first compiles it.
     from envs.simulation import BlockPushSimulation
 
 MAX_STEP = 0.1
@@ -162,9 +160,7 @@ class BlockPushEnv(gymnasium.Env):
 
     def _posture_over(self, scene: Scene) -> Posture:
         """Joint angles over the scene's start, reached from the usual start in short steps: same branch."""
-        way = np.linspace(
-            START, scene.effector, 1 + int(np.ceil(np.linalg.norm(scene.effector - START) / 0.02))
-        )
+        way = np.linspace(START, scene.effector, 1 + int(np.ceil(np.linalg.norm(scene.effector - START) / 0.02)))
         posture = Posture(self._start, 0.0, 0.0)
         for point in way:
             posture = self._kinematics.solve(np.array([*point, HEIGHT]), posture.joints)

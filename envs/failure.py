@@ -63,9 +63,7 @@ def failure_cause(infos: list[dict], workspace: Float[np.ndarray, "2 2"]) -> str
     return _policy_cause(record)
 
 
-def _events(
-    record: dict[str, np.ndarray], workspace: Float[np.ndarray, "2 2"]
-) -> list[tuple[int, str] | None]:
+def _events(record: dict[str, np.ndarray], workspace: Float[np.ndarray, "2 2"]) -> list[tuple[int, str] | None]:
     """When each event began, with its name; None for those that did not happen."""
     blocks = record["block_positions"][..., :2]  # (t, 2, 2)
     outside = ((blocks < workspace[0] - BEHIND) | (blocks > workspace[1] + BEHIND)).any(axis=(1, 2))

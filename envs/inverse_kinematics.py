@@ -88,9 +88,7 @@ class InverseKinematics:
             size = float(error @ error)
             if size < CONVERGED**2:
                 break
-            trial = joints + self._step(
-                error, damping * size + LEAST_DAMPING**2, lower - joints, upper - joints
-            )
+            trial = joints + self._step(error, damping * size + LEAST_DAMPING**2, lower - joints, upper - joints)
             missing = self._error(trial, goal)
             if missing @ missing < size:
                 joints, error, damping = trial, missing, damping / 4
@@ -99,9 +97,7 @@ class InverseKinematics:
                 damping *= 8
         error = self._error(joints, goal)
         down = -self._data.xmat[self._flange, 8]
-        return Posture(
-            joints, float(np.sqrt(error[:3] @ error[:3])), float(np.arccos(min(max(down, -1.0), 1.0)))
-        )
+        return Posture(joints, float(np.sqrt(error[:3] @ error[:3])), float(np.arccos(min(max(down, -1.0), 1.0))))
 
     def wrist(self, joints: Float[np.ndarray, " dof"]) -> str:
         """Branch of the wrist: "out" if the flange hangs outside its wrist, seen from the base, else "in"."""
@@ -117,9 +113,7 @@ class InverseKinematics:
         mujoco.mj_kinematics(self._model, self._data)
         return self._data.xpos[self._flange] + self._base
 
-    def _error(
-        self, joints: Float[np.ndarray, " dof"], goal: Float[np.ndarray, "3"]
-    ) -> Float[np.ndarray, "6"]:
+    def _error(self, joints: Float[np.ndarray, " dof"], goal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6"]:
         """What is missing: position and weighted rotation vector, base frame."""
         data = self._data
         data.qpos[:] = joints

@@ -70,9 +70,7 @@ def summarize(infos: list[dict]) -> EpisodeOutcome:
         ValueError: If there is no step.
     """
     if len(infos) < 2:
-        raise ValueError(
-            f"An episode is the info of its reset and of at least one step. Got {len(infos)} infos."
-        )
+        raise ValueError(f"An episode is the info of its reset and of at least one step. Got {len(infos)} infos.")
     last, steps = infos[-1], infos[1:]
     record = {key: np.array([info[key] for info in steps]) for key in _RECORDED}
     flange = record["flange"][:, :2]

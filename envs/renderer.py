@@ -20,9 +20,7 @@ class Renderer:
             from mujoco.egl import GLContext
 
             self._context = GLContext(WIDTH, HEIGHT)
-        except (
-            Exception
-        ) as error:  # A missing library shows as ImportError, AttributeError or OpenGL's own errors.
+        except Exception as error:  # A missing library shows as ImportError, AttributeError or OpenGL's own errors.
             raise RuntimeError(
                 f'render_mode="rgb_array" needs EGL, which this machine lacks ({error}). '
                 f"On Debian: apt install libegl1 libgl1-mesa-dri. Without pictures: render_mode=None."

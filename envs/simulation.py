@@ -91,9 +91,7 @@ class BlockPushSimulation(ManipulationEnv):
             "viscosity": 0,
         }.items():
             option.set(key, str(value))
-        ET.SubElement(
-            option, "flag", autoreset="disable"
-        )  # MuJoCo would start over in silence when it diverges.
+        ET.SubElement(option, "flag", autoreset="disable")  # MuJoCo would start over in silence when it diverges.
 
     def _set_contacts_and_limits(self, arm: ET.Element) -> None:
         for geom in arm.iter("geom"):
@@ -151,9 +149,7 @@ class BlockPushSimulation(ManipulationEnv):
         mujoco.mj_step(self.mj_model, self.mj_data, round(1 / CONTROL_FREQUENCY / TIMESTEP))
         mujoco.mj_kinematics(self.mj_model, self.mj_data)
         if not np.isfinite(self.mj_data.qpos).all():
-            raise FloatingPointError(
-                f"The physics diverged at {self.mj_data.time:.1f} s; joint targets {action} rad."
-            )
+            raise FloatingPointError(f"The physics diverged at {self.mj_data.time:.1f} s; joint targets {action} rad.")
         self.timestep += 1
         self.cur_time += self.control_timestep
         return OrderedDict(), 0.0, False, {}

@@ -41,8 +41,7 @@ class DenoisingHead(nn.Module):
         self.input = nn.Linear(horizon * action_dim, width)
         self.norms = nn.ModuleList(nn.LayerNorm(width, elementwise_affine=False) for _ in range(n_blocks))
         self.blocks = nn.ModuleList(
-            nn.Sequential(nn.Linear(width, width), nn.SiLU(), nn.Linear(width, width))
-            for _ in range(n_blocks)
+            nn.Sequential(nn.Linear(width, width), nn.SiLU(), nn.Linear(width, width)) for _ in range(n_blocks)
         )
         self.output = nn.Sequential(nn.SiLU(), nn.Linear(width, horizon * action_dim))
 

@@ -96,9 +96,7 @@ class GuidedDiffusion(DiffusionModel):
             ).prev_sample
         return sample
 
-    def _pushed(
-        self, output: Float[Tensor, "b t 2"], push: Float[Tensor, "b 2"], t: int
-    ) -> Float[Tensor, "b t 2"]:
+    def _pushed(self, output: Float[Tensor, "b t 2"], push: Float[Tensor, "b 2"], t: int) -> Float[Tensor, "b t 2"]:
         """Network output with the noise it stands for pushed; one that predicts x0 implies a noise."""
         if self.config.prediction_type == "epsilon":
             return output + push[:, None]

@@ -8,9 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 
-def episode_noise(
-    seeds: Sequence[int], steps: int | Sequence[int], shape: tuple[int, ...]
-) -> Float[Tensor, "b ..."]:
+def episode_noise(seeds: Sequence[int], steps: int | Sequence[int], shape: tuple[int, ...]) -> Float[Tensor, "b ..."]:
     """Standard normal noise, one draw for each (episode seed, step).
 
     A row depends on its own seed and step only, never on which other episodes share the batch, so an episode

@@ -86,9 +86,7 @@ class SelfCollision:
             row[:] = [result.isCollision() for result in collisions.collisionResults]
         return hits
 
-    def _any_hit(
-        self, geometry: pinocchio.GeometryModel, joints: Float[np.ndarray, "n dof"]
-    ) -> Bool[np.ndarray, " n"]:
+    def _any_hit(self, geometry: pinocchio.GeometryModel, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, " n"]:
         if len(joints) == 0 or len(geometry.collisionPairs) == 0:
             return np.zeros(len(joints), dtype=bool)
         pool = pinocchio.GeometryPool(self._model, geometry, 1)
@@ -105,10 +103,7 @@ class SelfCollision:
             mesh.vertices, mesh.faces, EDGE, max_iter=20, return_index=True
         )
         radius = np.hypot(points[:, 0], points[:, 1])
-        sector = (
-            np.floor((np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) + 0.5) * SECTORS).astype(int)
-            % SECTORS
-        )
+        sector = np.floor((np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
         lower, upper = points[:, 2].min(), points[:, 2].max()
         edges = np.linspace(lower, upper, int(np.ceil((upper - lower) / SLAB)) + 1)
 
@@ -164,9 +159,7 @@ def _with_pairs(geometry: pinocchio.GeometryModel, pairs: list[tuple[str, str]])
     return geometry
 
 
-def _bounding_volumes(
-    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
-) -> coal.BVHModelOBBRSS:
+def _bounding_volumes(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> coal.BVHModelOBBRSS:
     """Triangles as coal collides them."""
     points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     for vertex in vertices:

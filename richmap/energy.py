@@ -63,12 +63,12 @@ class EnergyField:
         Raises:
             ValueError: If a point lies outside the cells' centres.
         """
-        centres = [(knots[3], knots[-4]) for knots in self._spline.t]
-        outside = np.flatnonzero(
-            np.any([(p < lo) | (p > hi) for p, (lo, hi) in zip(points.T, centres)], axis=0)
-        )
-        if len(outside):
-            raise ValueError(f"{points[outside[0]]} m is outside the energy field, which spans {centres} m.")
+        half = self.grid.cell_size / 2
+        lower = np.array(self.grid.origin) + half
+        upper = np.array(self.grid.origin) + self.grid.cell_size * np.array(self.grid.shape) - half
+        outside = ~((points >= lower) & (points <= upper)).all(1)
+        if outside.any():
+            raise ValueError(f"{points[outside][0]} m is outside the energy field, from {lower} to {upper} m.")
         gradient = [self._spline(points, nu=nu) for nu in np.eye(3, dtype=int)]
         return self._spline(points), np.stack(gradient, axis=1)
 

@@ -13,18 +13,14 @@ class FileRefusedError(ValueError):
     """A file is cut short, is of another kind or version, or holds something else than what was asked for."""
 
 
-def save_arrays(
-    path: Path, kind: str, version: int, arrays: dict[str, np.ndarray], about: dict[str, str]
-) -> None:
+def save_arrays(path: Path, kind: str, version: int, arrays: dict[str, np.ndarray], about: dict[str, str]) -> None:
     """Write arrays and texts to one file that appears whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.NamedTemporaryFile(dir=path.parent, prefix=path.name, suffix=".tmp", delete=False) as file:
         temporary = Path(file.name)
     try:
         metadata = {"kind": kind, "version": str(version), **about}
-        safetensors.numpy.save_file(
-            {k: np.ascontiguousarray(v) for k, v in arrays.items()}, temporary, metadata
-        )
+        safetensors.numpy.save_file({k: np.ascontiguousarray(v) for k, v in arrays.items()}, temporary, metadata)
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
@@ -43,9 +39,7 @@ def load_arrays(path: Path, kind: str, version: int) -> tuple[dict[str, np.ndarr
             if found == (kind, str(version)):
                 return {name: archive.get_tensor(name) for name in archive.keys()}, about  # noqa: SIM118
     except SafetensorError as error:
-        raise FileRefusedError(
-            f"{path} is cut short or no {kind} ({error}). Delete it and make it again."
-        ) from error
+        raise FileRefusedError(f"{path} is cut short or no {kind} ({error}). Delete it and make it again.") from error
     raise FileRefusedError(
         f"{path} holds {found[0]} of version {found[1]}; expected {kind} of version {version}. "
         "Delete it and make it again."

@@ -47,9 +47,7 @@ class Grid:
 
     def centres(self) -> Float[np.ndarray, "n 3"]:
         """Centres of all cells in flat order, in [m]."""
-        axes = [
-            o + self.cell_size * (np.arange(n) + 0.5) for o, n in zip(self.origin, self.shape, strict=True)
-        ]
+        axes = [o + self.cell_size * (np.arange(n) + 0.5) for o, n in zip(self.origin, self.shape, strict=True)]
         return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
 
     def moved(self, offset: Float[np.ndarray, " 3"]) -> "Grid":

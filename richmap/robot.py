@@ -147,9 +147,7 @@ def _universal_robots_cb(name: str) -> RobotDescription:
 def _clean(urdf: str, paths: dict[str, str], base: str, end_effector: str) -> str:
     """Keep the links and joints between base and flange, their collision meshes and absolute mesh names."""
     root = ET.fromstring(urdf)
-    joint_of_child = {
-        j.find("child").get("link"): j for j in root.findall("joint") if j.find("child") is not None
-    }
+    joint_of_child = {j.find("child").get("link"): j for j in root.findall("joint") if j.find("child") is not None}
     links, joints = [end_effector], []
     while links[-1] != base:
         joints.append(joint_of_child[links[-1]])

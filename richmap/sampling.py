@@ -78,9 +78,7 @@ def turns_about_base_z(robot: RobotDescription) -> bool:
     joints = rng.uniform(robot.lower, robot.upper, (8, len(robot.joints)))
     turned = joints + np.eye(len(robot.joints))[0]
     before, after = flange_poses(robot, joints), flange_poses(robot, turned)
-    return all(
-        np.allclose(_rotate_about_z(b, np.ones(8)), a, atol=1e-6) for b, a in zip(before, after, strict=True)
-    )
+    return all(np.allclose(_rotate_about_z(b, np.ones(8)), a, atol=1e-6) for b, a in zip(before, after, strict=True))
 
 
 @lru_cache
@@ -90,9 +88,7 @@ def _chain(robot: RobotDescription):
     return robot.chain().to(dtype=torch.float64)
 
 
-def _rotate_about_z(
-    vectors: Float[np.ndarray, "n 3"], by: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, "n 3"]:
+def _rotate_about_z(vectors: Float[np.ndarray, "n 3"], by: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
     c, s = np.cos(by), np.sin(by)
     x, y, z = vectors.T
     return np.stack([c * x - s * y, s * x + c * y, z], axis=1)

@@ -18,9 +18,9 @@ DEGREE = 16
 
 
 def kernel(cosine: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    r"""Mean over m of :math:`\exp(-\gamma_m \|u - v\|^2)`, :math:`\gamma_m = 2^{m - M/2}`, for unit u, v with this cosine.
+    r"""Multi-scale kernel of unit vectors u, v with this cosine (RichMap, "Robot similarity analysis").
 
-    RichMap, "Robot similarity analysis".
+    The mean over m of :math:`\exp(-\gamma_m \|u - v\|^2)` with :math:`\gamma_m = 2^{m - M/2}`.
     """
     gamma = 2.0 ** (np.arange(1, SCALES + 1) - SCALES / 2)
     return np.exp(-2 * gamma * (1 - np.asarray(cosine)[..., None])).mean(-1)

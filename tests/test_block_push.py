@@ -96,9 +96,7 @@ def test_a_command_held_still_is_reached(env):
 
 def test_reward_is_the_sum_of_its_parts_and_success_ends_the_episode(env):
     scene = draw_scene(0)
-    placed = replace(
-        scene, block=np.array([*scene.target[:2], 0.0]), block2=np.array([*scene.target2[:2], 0.0])
-    )
+    placed = replace(scene, block=np.array([*scene.target[:2], 0.0]), block2=np.array([*scene.target2[:2], 0.0]))
     _, info = env.reset(seed=0, options={"scene": placed})
     _, reward, terminated, truncated, info = env.step(np.zeros(2))
     assert reward == info["reward_entry"] + info["reward_both"] == 0.51

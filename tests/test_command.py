@@ -29,9 +29,7 @@ def run(*arguments):
     command = [sys.executable, "-X", "importtime", "-m", "benchmark.run", *arguments]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     errors = [line for line in done.stderr.splitlines() if not line.startswith("import time:")]
-    imported = {
-        line.rsplit("|", 1)[1].strip() for line in done.stderr.splitlines() if line.startswith("import time:")
-    }
+    imported = {line.rsplit("|", 1)[1].strip() for line in done.stderr.splitlines() if line.startswith("import time:")}
     return done.returncode, done.stdout, errors, imported, time.monotonic() - start
 
 

@@ -71,9 +71,7 @@ def test_the_gradient_matches_finite_differences(field):
     h = 1e-6
     for axis in range(3):
         step = h * np.eye(3)[axis]
-        difference = (
-            field.value_and_gradient(points + step)[0] - field.value_and_gradient(points - step)[0]
-        ) / (2 * h)
+        difference = (field.value_and_gradient(points + step)[0] - field.value_and_gradient(points - step)[0]) / (2 * h)
         assert gradient[:, axis] == pytest.approx(difference, abs=1e-5)
 
 

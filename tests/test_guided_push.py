@@ -166,9 +166,7 @@ def test_guidance_from_the_config_is_guidance_in_code(batch, tmp_path):
     coded = make_policy()
     coded.guidance = EnergyGuidance(slope(0.3, 0.1), 0.5)
     noise = noise_for(coded)
-    assert torch.equal(
-        configured.predict_action_chunk(batch, noise), coded.predict_action_chunk(batch, noise)
-    )
+    assert torch.equal(configured.predict_action_chunk(batch, noise), coded.predict_action_chunk(batch, noise))
 
 
 def test_loss_ignores_actions_after_the_end(batch):

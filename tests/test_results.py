@@ -36,9 +36,7 @@ def test_an_episode_stored_twice_is_one_row_and_the_later_one(tmp_path):
 
 
 def test_other_lambdas_and_code_versions_are_told_apart(tmp_path):
-    guided = dataclasses.replace(
-        CONDITION, method="paper", guidance_scale=0.5, field_fingerprint="f", cell_size=0.05
-    )
+    guided = dataclasses.replace(CONDITION, method="paper", guidance_scale=0.5, field_fingerprint="f", cell_size=0.05)
     newer = dataclasses.replace(CONDITION, code_version="v2")
     store_episodes(tmp_path, [episode(1), episode(1, condition=guided)])
     table = read_episodes(tmp_path)

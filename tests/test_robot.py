@@ -67,9 +67,7 @@ def dh_matrix(a, d, alpha, theta):
 
 
 def test_limits_are_those_of_the_data_sheets():
-    assert np.allclose(
-        load_robot("ur5").upper, [2 * np.pi, 2 * np.pi, np.pi, 2 * np.pi, 2 * np.pi, 2 * np.pi]
-    )
+    assert np.allclose(load_robot("ur5").upper, [2 * np.pi, 2 * np.pi, np.pi, 2 * np.pi, 2 * np.pi, 2 * np.pi])
     assert np.allclose(load_robot("xarm6").lower[1:3], [-2.059, -3.927])
 
 

@@ -38,9 +38,7 @@ def field(maps):
 
 def ring(radius):
     """Points all around the base at the flange's height, and the outward direction at each."""
-    angle, r = np.meshgrid(
-        np.linspace(-np.pi, np.pi, 360, endpoint=False), radius + np.linspace(0, 0.05, 11)[:-1]
-    )
+    angle, r = np.meshgrid(np.linspace(-np.pi, np.pi, 360, endpoint=False), radius + np.linspace(0, 0.05, 11)[:-1])
     outward = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], -1).reshape(-1, 3)
     return outward * r.reshape(-1, 1) + [0, 0, FLANGE_HEIGHT], outward
 
