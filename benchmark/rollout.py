@@ -56,11 +56,12 @@ def roll_out(rollout: Rollout, seeds: Iterable[int], workers: int) -> Iterator[l
 
 
 def code_version() -> str:
-    """SHA-256, first 12 digits, over the code that decides an episode."""
-    files = [file for package in ("richmap", "envs", "policies") for file in sorted((ROOT / package).glob("*.py"))]
-    digest = hashlib.sha256()
-    for file in [*files, Path(__file__)]:
-        digest.update(file.read_bytes())
+    """SHA-256, first 12 digits, over the code and the collision geometry that decide an episode."""
+    digest = hashlib.sha256(Path(__file__).read_bytes())
+    for package in ("richmap", "envs", "policies"):
+        for file in sorted((ROOT / package).rglob("*")):
+            if file.suffix in (".py", ".safetensors"):
+                digest.update(file.read_bytes())
     return digest.hexdigest()[:12]
 
 
