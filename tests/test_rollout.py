@@ -1,0 +1,80 @@
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from benchmark.config import RobotConfig, RunConfig
+from benchmark.results import read_episodes
+from benchmark.rollout import play
+from benchmark.run import checkpoint_folder, make_rollout
+
+ROOT = Path(__file__).parents[1]
+CONFIG = RunConfig(robot=RobotConfig("xarm6"), slots=3, device="cpu")
+
+
+@pytest.fixture(scope="module")
+def rollout():
+    return make_rollout(CONFIG, 0.0, checkpoint_folder(42), Console(quiet=True))
+
+
+@pytest.fixture(scope="module")
+def episodes(rollout):
+    return play(rollout, [50_001, 50_002])
+
+
+def test_an_episode_replays_alone_to_the_last_bit(rollout, episodes):
+    alone = play(rollout, [50_002])
+    assert alone == [episodes[1]]
+
+
+def test_an_episode_keeps_its_row(episodes):
+    assert {episode.episode_seed: episode.slot for episode in episodes} == {50_001: 0, 50_002: 1}
+
+
+def test_a_row_holds_what_the_episode_was_run_with_and_what_happened(episodes):
+    row = episodes[0].row()
+    for column in ("robot", "setting", "method", "lambda", "checkpoint", "checkpoint_hash", "episode_seed", "score"):
+        assert column in row
+    assert row["lambda"] == 0 and row["method"] == "direct" and row["branch"] == "out"
+    assert all(np.isscalar(value) or value is None for value in row.values())
+
+
+def test_the_policy_solves_its_own_arm(episodes):
+    assert all(episode.outcome.p2 for episode in episodes)
+
+
+def test_an_unknown_training_seed_is_refused():
+    with pytest.raises(ValueError, match="seed=7 has no checkpoint. Trained seeds: 42"):
+        checkpoint_folder(7)
+
+
+def test_a_killed_run_goes_on_where_it_was(tmp_path):
+    settings = ["robot=xarm6", "episodes=6", "slots=2", "workers=1", f"output_dir={tmp_path}", "device=cpu"]
+    command = [sys.executable, "-m", "benchmark.run", *settings]
+    running = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL)
+    deadline = time.monotonic() + 120
+    while read_episodes(tmp_path).empty and time.monotonic() < deadline:
+        time.sleep(0.05)
+    os.kill(running.pid, signal.SIGKILL)
+    running.wait()
+    finished = read_episodes(tmp_path)
+    assert 2 <= len(finished) < 6
+
+    subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL, timeout=240)
+    table = read_episodes(tmp_path)
+    assert sorted(table.episode_seed) == list(range(100_000, 100_006))
+    again = table[table.episode_seed.isin(finished.episode_seed)].reset_index(drop=True)
+    assert again.equals(finished.reset_index(drop=True))
+
+
+def test_other_settings_make_another_condition(rollout):
+    original = make_rollout(dataclasses.replace(CONFIG, setting="original"), 0.0, checkpoint_folder(42), Console())
+    assert original.condition.setting == "original" and not original.condition.self_collision
+    assert original.condition != rollout.condition
