@@ -83,8 +83,7 @@ def _check_recipe(root: Path, config: CollectConfig) -> None:
     different = {key: recipe.get(key) for key, value in config.recipe.items() if recipe.get(key) != value}
     if different:
         raise SettingError(
-            f"{root} holds demonstrations made otherwise ({different}). "
-            "Delete the folder or choose another output_dir."
+            f"{root} holds demonstrations made otherwise ({different}). Delete the folder or choose another output_dir."
         )
 
 

@@ -1,10 +1,9 @@
 """Demonstrations on their way to a dataset: files of a few episodes each, made by worker processes."""
 
-import multiprocessing
 import os
-import threading
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from benchmark.demonstration import Demonstration, demonstrate, pack, source_env, unpack
 from benchmark.progress import progress_bar
+from richmap.worker import start_worker
 
 if TYPE_CHECKING:
     from benchmark.collect import CollectConfig
@@ -26,9 +26,7 @@ def simulate(config: "CollectConfig", chunks: Path) -> None:
     done = config.episodes - sum(len(chunk) for chunk in missing)
     with (
         progress_bar() as progress,
-        ProcessPoolExecutor(
-            min(config.workers, len(missing) or 1), multiprocessing.get_context("spawn"), _die_with_parent
-        ) as pool,
+        ProcessPoolExecutor(min(config.workers, len(missing) or 1), get_context("spawn"), start_worker) as pool,
     ):
         task = progress.add_task("Demonstrations", total=config.episodes, completed=done)
         futures = {pool.submit(_simulate_chunk, config, chunk, chunks): len(chunk) for chunk in missing}
@@ -90,13 +88,3 @@ def _chunks(config: "CollectConfig") -> list[range]:
 
 def _chunk_path(chunks: Path, seeds: range) -> Path:
     return chunks / f"{seeds.start:06d}-{seeds.stop:06d}.npz"
-
-
-def _die_with_parent() -> None:
-    """Ends a worker when its parent is gone, however that ended: an orphan would wait for work forever."""
-
-    def watch() -> None:
-        multiprocessing.parent_process().join()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
