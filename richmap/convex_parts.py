@@ -17,6 +17,9 @@ FOLDER = Path(__file__).parent / "convex_parts"
 KIND, VERSION = "richmap.ConvexParts", 1
 PARTS_PER_LINK = 16
 
+CONVEX = 0.999
+"""A closed mesh that fills its convex hull to at least this share is one part."""
+
 ConvexParts = dict[str, list[Float[np.ndarray, "v 3"]]]
 """For each link, the vertices of its convex parts in the link's frame, in [m]."""
 
@@ -47,7 +50,7 @@ def load_convex_parts(robot: RobotDescription) -> ConvexParts:
 def fit_convex_parts(robot: RobotDescription, parts_per_link: int = PARTS_PER_LINK) -> ConvexParts:
     """Decompose each collision mesh into at most so many convex parts by V-HACD; takes about a minute.
 
-    Boxes, cylinders and spheres are convex as they are.
+    Boxes, cylinders, spheres and meshes that fill their hull are convex as they are.
     """
     return {
         link: [part for shape in shapes for part in _convex_parts(shape, parts_per_link)]
@@ -59,8 +62,8 @@ def _convex_parts(shape: Shape, parts_per_link: int) -> list[Float[np.ndarray, "
     import vhacdx
 
     mesh = shape.triangles()
-    if shape.kind != "mesh":
-        return [np.asarray(mesh.vertices, dtype=np.float32)]
+    if shape.kind != "mesh" or (mesh.is_watertight and mesh.volume >= CONVEX * mesh.convex_hull.volume):
+        return [np.asarray(mesh.convex_hull.vertices, dtype=np.float32)]
     faces = np.hstack([np.full((len(mesh.faces), 1), 3), mesh.faces]).astype(np.uint32)
     hulls = vhacdx.compute_vhacd(
         np.asarray(mesh.vertices, dtype=np.float64),

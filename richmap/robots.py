@@ -86,8 +86,8 @@ def _universal_robots_cb(name: str) -> RobotDescription:
 def _panda() -> RobotDescription:
     """Franka Panda without its hand, as described by franka_description; the flange is panda_link8.
 
-    Its collision meshes are the maker's, one convex hull per link. They are wider than the meshes that are shown: 6.5 %
-    of the configurations that are free by those collide by these.
+    Its collision meshes are the maker's, one convex hull per link. They are wider than the meshes that are shown: 6.3 %
+    of the configurations that are free by those collide by these (n = 20,000).
     """
     robot = _from_example_robot_data(
         "panda", "panda.urdf", "panda_link0", "panda_link8", "panda_description", "Apache-2.0"
