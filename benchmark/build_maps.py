@@ -16,12 +16,13 @@ if TYPE_CHECKING:
     from richmap.construction import BuildProgress
     from richmap.energy import EnergyField
     from richmap.reachability_map import ReachabilityMap
+    from richmap.robot import RobotDescription
 
 SOURCE = "xarm6"
 """The arm that policies are trained on; its base frame is the world frame."""
 
 
-def robot_map(name: str, config: MapConfig, workers: int, console: Console) -> "ReachabilityMap":
+def robot_map(description: "RobotDescription", config: MapConfig, workers: int, console: Console) -> "ReachabilityMap":
     """The robot's map, built if it is not in the cache."""
     from benchmark.cache import cached, fingerprint
     from richmap import (
@@ -33,9 +34,10 @@ def robot_map(name: str, config: MapConfig, workers: int, console: Console) -> "
         reachability_map,
         robot,
         sampling,
+        shape,
     )
 
-    description = robot.load_robot(name)
+    name = description.name
     cells = grid.Grid.around_base(config.cell_size, config.half_width, config.z_offset)
     asked = reachability_map.Construction(
         robot=name,
@@ -46,7 +48,7 @@ def robot_map(name: str, config: MapConfig, workers: int, console: Console) -> "
         turns=config.turns,
         stop_rate=config.stop_rate,
     )
-    code = [collision, construction, directions, grid, insertion, reachability_map, robot, sampling]
+    code = [collision, construction, directions, grid, insertion, reachability_map, robot, sampling, shape]
     key = fingerprint({"grid": asdict(cells), "construction": asdict(asked)}, code)
 
     def build() -> reachability_map.ReachabilityMap:
@@ -65,13 +67,15 @@ def robot_map(name: str, config: MapConfig, workers: int, console: Console) -> "
 
 
 def energy_field(
-    target: str, map_config: MapConfig, config: EnergyConfig, workers: int, console: Console
+    target: "RobotDescription", map_config: MapConfig, config: EnergyConfig, workers: int, console: Console
 ) -> tuple["EnergyField", Path]:
     """The field of a target arm against the source, and its file in the cache."""
     from benchmark.cache import cached, fingerprint
     from richmap import energy, similarity
+    from richmap.robots import load_robot
 
-    maps = [robot_map(name, map_config, workers, console) for name in dict.fromkeys((SOURCE, target))]
+    arms = dict.fromkeys((load_robot(SOURCE), target))
+    maps = [robot_map(arm, map_config, workers, console) for arm in arms]
     source_map, target_map = maps[0], maps[-1]
     inputs = {
         "source": source_map.content_hash,
@@ -81,12 +85,12 @@ def energy_field(
     key = fingerprint(inputs, [similarity, energy])
 
     def build() -> energy.EnergyField:
-        with console.status(f"Comparing {SOURCE} and {target}"):
+        with console.status(f"Comparing {SOURCE} and {target.name}"):
             grid = similarity.similarity(source_map, target_map)
-            about = {"source": SOURCE, "target": target, "fingerprint": key}
+            about = {"source": SOURCE, "target": target.name, "fingerprint": key}
             return energy.EnergyField.from_similarity(grid, energy.EnergySettings(**asdict(config)), about)
 
-    return cached(f"fields/{SOURCE}-{target}-{key[:16]}.safetensors", energy.EnergyField.load, build)
+    return cached(f"fields/{SOURCE}-{target.name}-{key[:16]}.safetensors", energy.EnergyField.load, build)
 
 
 class MapProgress:
@@ -131,7 +135,7 @@ class MapProgress:
 def main(config: BuildMapsConfig) -> None:
     """Build what is missing and say where it is."""
     console = Console()
-    _, path = energy_field(config.robot.name, config.map, config.energy, config.workers, console)
+    _, path = energy_field(config.robot.load(), config.map, config.energy, config.workers, console)
     console.print(f"Energy field: {path}", soft_wrap=True)
 
 

@@ -7,7 +7,7 @@ import os
 import sys
 import textwrap
 from collections.abc import Callable
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -75,11 +75,16 @@ def setting_texts(schema: type, prefix: str = "") -> dict[str, tuple[str, Any]]:
     settings = {}
     for field in fields(schema):
         name = prefix + typed_as.get(field.name, field.name)
-        if is_dataclass(field.type) and not _is_group(name):
-            settings |= setting_texts(field.type, f"{name}.")
-        else:
-            default = getattr(schema, field.name, None)
+        if not is_dataclass(field.type):
+            default = field.default if field.default_factory is MISSING else field.default_factory()
             settings[name] = texts.get(field.name, ""), default
+            continue
+        of_field = setting_texts(field.type, f"{name}.")
+        if _is_group(name):  # Its choice sets `<name>.name`; a choice among few arms leaves nothing else to set.
+            settings[name] = texts.get(field.name, ""), None
+            of_field = {} if "choices" in field.metadata else of_field
+            of_field.pop(f"{name}.name", None)
+        settings |= of_field
     return settings
 
 
@@ -117,7 +122,7 @@ def _check_arguments(arguments: list[str], schema: type) -> None:
             hint = f" Did you mean {close[0]!r}?" if close else ""
             raise SettingError(f"There is no setting {key!r}.{hint} Settings: {', '.join(known)}.")
         if _is_group(key) and not override.is_sweep_override():
-            choices = sorted(file.stem for file in (CONF / key).glob("*.yaml"))
+            choices = _choices(key, schema)
             check_setting(override.value() in choices, key, override.value(), ", ".join(choices))
 
 
@@ -143,6 +148,12 @@ def named_as_typed(config: DictConfig) -> dict[str, Any]:
 
 def _is_group(key: str) -> bool:
     return (CONF / key).is_dir()
+
+
+def _choices(group: str, schema: type) -> list[str]:
+    """What a group can be set to: what the field's metadata name, or else every file of the group."""
+    (field,) = (field for field in fields(schema) if field.name == group)
+    return sorted(field.metadata.get("choices", (file.stem for file in (CONF / group).glob("*.yaml"))))
 
 
 def _default_choice(name: str, group: str) -> str:

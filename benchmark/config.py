@@ -2,8 +2,15 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-from benchmark.command import check_setting
+from benchmark.command import SettingError, check_setting
+
+if TYPE_CHECKING:
+    from richmap.robot import RobotDescription
+
+TASK_ARMS = ("xarm6", "ur3", "ur5", "ur10")
+"""The arms that do the block-push task (`envs.arms.ARMS`)."""
 
 
 @dataclass
@@ -11,6 +18,40 @@ class RobotConfig:
     """Which arm."""
 
     name: str = "xarm6"
+    """One of the arms that are known, or custom."""
+    path: str = ""
+    """With robot=custom: URDF or MJCF (.xml) file of the arm."""
+    base: str = ""
+    """With robot=custom: the link or body that is fixed to the world; its frame is the base frame."""
+    end_effector: str = ""
+    """With robot=custom: the link, body or site whose +z is the approach direction."""
+
+    def __post_init__(self) -> None:
+        for name in ("path", "base", "end_effector"):
+            value, custom = getattr(self, name), self.name == "custom"
+            if custom and not value:
+                raise SettingError(
+                    f"robot=custom needs robot.{name}. Give all of: robot=custom robot.path=robot.urdf "
+                    "robot.base=<link> robot.end_effector=<link>."
+                )
+            if value and not custom:
+                raise SettingError(f"robot.{name}={value} goes with robot=custom. Here robot={self.name}.")
+
+    def load(self) -> "RobotDescription":
+        """Description of the arm.
+
+        Raises:
+            SettingError: If a custom arm lacks something.
+        """
+        from richmap.custom import custom_robot
+        from richmap.robots import load_robot
+
+        if self.name != "custom":
+            return load_robot(self.name)
+        try:
+            return custom_robot(self.path, self.base, self.end_effector)
+        except ValueError as error:
+            raise SettingError(f"robot=custom: {error}") from error
 
 
 @dataclass
@@ -63,7 +104,7 @@ class EnergyConfig:
 class RunConfig:
     """Rolls out the xArm6's policy on an arm, without guidance and with it, on the same episodes, and compares."""
 
-    robot: RobotConfig = field(default_factory=RobotConfig)
+    robot: RobotConfig = field(default_factory=RobotConfig, metadata={"choices": TASK_ARMS})
     """Arm that acts: xarm6 (the source itself), ur3, ur5 or ur10."""
     guidance_scale: float = 0.0
     """Guidance strength, the paper's lambda: how much of the energy's slope in 1/m is added to the predicted noise in
@@ -94,6 +135,7 @@ class RunConfig:
     energy: EnergyConfig = field(default_factory=EnergyConfig)
 
     def __post_init__(self) -> None:
+        check_setting(self.robot.name in TASK_ARMS, "robot", self.robot.name, ", ".join(TASK_ARMS))
         scale = self.guidance_scale
         check_setting(math.isfinite(scale) and scale >= 0, "lambda", scale, "any number >= 0")
         for name in ("episodes", "slots", "workers"):
@@ -111,7 +153,7 @@ class BuildMapsConfig:
     """Builds an arm's reachability map and, from the xArm6's and its own, the energy field; both are cached."""
 
     robot: RobotConfig = field(default_factory=RobotConfig)
-    """Arm: xarm6, ur3, ur5 or ur10."""
+    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
     workers: int = 2
     """Processes that sample; the map does not depend on it. A whole number >= 1."""
     map: MapConfig = field(default_factory=MapConfig)
@@ -125,7 +167,7 @@ class BuildMapsConfig:
 class OracleConfig:
     """Rolls out the scripted oracle on an arm: what the task allows there without a learned policy."""
 
-    robot: RobotConfig = field(default_factory=RobotConfig)
+    robot: RobotConfig = field(default_factory=RobotConfig, metadata={"choices": TASK_ARMS})
     """Arm: xarm6, ur3, ur5 or ur10."""
     setting: str = "embodied"
     """What the arm may do: embodied or original (see benchmark.run)."""
@@ -139,10 +181,33 @@ class OracleConfig:
     """Processes that roll out; results do not depend on it. A whole number >= 1."""
 
     def __post_init__(self) -> None:
+        check_setting(self.robot.name in TASK_ARMS, "robot", self.robot.name, ", ".join(TASK_ARMS))
         for name in ("episodes", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         check_setting(self.seed_start >= 0, "seed_start", self.seed_start, "a whole number >= 0")
         check_setting(self.setting in ("embodied", "original"), "setting", self.setting, "embodied, original")
+
+
+@dataclass
+class SelfCollisionConfig:
+    """Compares the convex parts that simulators collide with exact triangles, on configurations drawn afresh."""
+
+    robots: list[str] = field(default_factory=lambda: [*TASK_ARMS, "panda", "iiwa7", "ur5e", "gen3"])
+    """Arms, as in robots=[ur3,ur5]; their rows replace older ones in the table."""
+    configurations: int = 20_000
+    """Least number of configurations per arm, uniform within the joint limits; a whole number >= 1."""
+    collisions: int = 400
+    """Least number of colliding ones per arm: sampling goes on until there are as many; a whole number >= 1."""
+    limit: int = 1_000_000
+    """Sampling ends here even so; a whole number >= 1."""
+    seed: int = 1000
+    """Seed of the configurations. Those of seed 0 chose the pairs that are checked, so it is 1 or more."""
+    output_dir: str = "results"
+    """Folder of self_collision.parquet and self_collision.md."""
+
+    def __post_init__(self) -> None:
+        for name in ("configurations", "collisions", "limit", "seed"):
+            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
 
 
 @dataclass

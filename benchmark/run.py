@@ -59,7 +59,7 @@ def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Co
 
     field, field_path = None, None
     if scale > 0:
-        field, field_path = energy_field(config.robot.name, config.map, config.energy, config.workers, console)
+        field, field_path = energy_field(config.robot.load(), config.map, config.energy, config.workers, console)
     condition = Condition(
         **condition_of_arm(config.robot.name, config.setting),
         method="paper" if scale > 0 else "direct",

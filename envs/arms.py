@@ -8,7 +8,10 @@ from jaxtyping import Float
 
 from envs.inverse_kinematics import InverseKinematics
 from envs.scene import START
-from richmap.robot import ROBOTS, load_robot
+from richmap.robots import load_robot
+
+ARMS = ("xarm6", "ur3", "ur5", "ur10")
+"""The arms that do this task."""
 
 HEIGHT = 0.06
 """Of the flange above the table, in [m]."""
@@ -44,7 +47,7 @@ COMMON_BASE = (0.0, 0.0, 0.0)
 SETTINGS = {
     "original": {
         robot: ArmSetting(robot, "original", COMMON_BASE, "out", self_collision=False, joint_limits=False)
-        for robot in ROBOTS
+        for robot in ARMS
     },
     "embodied": {  # A UR3 cannot reach the start with its wrist in; UR5 and UR10 fold less with it in.
         robot: ArmSetting(robot, "embodied", COMMON_BASE, wrist, self_collision=True, joint_limits=True)

@@ -16,7 +16,7 @@ from envs.renderer import Renderer
 from envs.scene import START, Scene, draw_scene
 from envs.success import both_placed, inside, rewards, score
 from envs.workspace import CONTROL_FREQUENCY, WORKSPACE
-from richmap.robot import load_robot
+from richmap.robots import load_robot
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", SyntaxWarning)  # From robosuite's own text, when Python first compiles it.

@@ -17,7 +17,7 @@ from robosuite.models.robots.manipulators.manipulator_model import ManipulatorMo
 from robosuite.robots import register_robot_class
 
 from richmap.mujoco_model import arm_spec
-from richmap.robot import load_robot
+from richmap.robots import load_robot
 
 ARMATURE = 0.1
 """Rotor inertia seen at every joint, in [kg m^2]; robosuite would set 5 / (i + 1), another one for every

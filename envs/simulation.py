@@ -45,7 +45,7 @@ class BlockPushSimulation(ManipulationEnv):
     sampled between substeps) this task does not use.
 
     Args:
-        robot: Name of the arm in `richmap.robot.ROBOTS`.
+        robot: Name of the arm in `envs.arms.ARMS`.
         base: Position of the arm's base, in [m].
         start: Joint angles at reset, in [rad].
         self_collision: Whether the links collide with each other.

@@ -30,24 +30,25 @@ class SelfCollision:
 
     Checked are all pairs of links but neighbours in the chain (they overlap inside their joint) and pairs in permanent
     contact: of 2,000 configurations drawn uniformly within the joint limits with seed 0, at least 99 % touch.
+    Neighbours are links with at most one joint between them that moves.
     """
 
     def __init__(self, robot: RobotDescription) -> None:
         self._model = pinocchio.buildModelFromXML(robot.urdf)
         self._geometry = _collision_geometry(robot, self._model)
-        self._base = robot.base
-        links = [link for link in robot.links if link in robot.meshes]
-        order = {link: robot.links.index(link) for link in links}
-        self.pairs = [(a, b) for a in links for b in links if order[b] - order[a] >= 2]
+        self._objects = {link: self._geometry_ids(link) for link in robot.shapes}
+        links, depth = list(robot.shapes), robot.depth
+        self.pairs = [(a, b) for a in links for b in links if depth[b] - depth[a] >= 2]
 
         rng = np.random.default_rng(0)
         joints = rng.uniform(robot.lower, robot.upper, (2000, len(robot.joints)))
         touching = self.pair_hits(joints).mean(0)
         self.pairs = [p for p, rate in zip(self.pairs, touching, strict=True) if rate < PERMANENT_CONTACT]
 
-        self._moving = _with_pairs(self._geometry, [pair for pair in self.pairs if pair[0] != self._base])
-        self._with_base = _with_pairs(self._geometry, [pair for pair in self.pairs if pair[0] == self._base])
-        self._split_base(robot, [b for a, b in self.pairs if a == self._base])
+        base_pairs = [pair for pair in self.pairs if depth[pair[0]] == 0]
+        self._moving = self._checking([pair for pair in self.pairs if depth[pair[0]] > 0])
+        self._with_base = self._checking(base_pairs)
+        self._split_base(robot, {a for a, _ in base_pairs}, list(dict.fromkeys(b for _, b in base_pairs)))
 
     def __call__(self, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, " n"]:
         """Whether each configuration, in [rad], is in self-collision."""
@@ -78,13 +79,27 @@ class SelfCollision:
 
     def pair_hits(self, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, "n pairs"]:
         """Which of `pairs` intersect in each configuration, in [rad]."""
-        geometry = _with_pairs(self._geometry, self.pairs)
+        geometry = self._checking(self.pairs)
         data, collisions = self._model.createData(), geometry.createData()
-        hits = np.empty((len(joints), len(self.pairs)), dtype=bool)
+        pair_of = [i for i, pair in enumerate(self.pairs) for _ in self._object_pairs(pair)]
+        hits = np.zeros((len(joints), len(self.pairs)), dtype=bool)
         for row, q in zip(hits, joints, strict=True):
             pinocchio.computeCollisions(self._model, data, geometry, collisions, q, False)
-            row[:] = [result.isCollision() for result in collisions.collisionResults]
+            hit = [result.isCollision() for result in collisions.collisionResults]
+            np.logical_or.at(row, pair_of, hit)
         return hits
+
+    def _geometry_ids(self, link: str) -> list[int]:
+        """The link's shapes in the geometry model, which calls them <link>_<number>."""
+        names = [o.name.rpartition("_")[0] for o in self._geometry.geometryObjects]
+        return [i for i, name in enumerate(names) if name == link]
+
+    def _object_pairs(self, pair: tuple[str, str]) -> list[tuple[int, int]]:
+        return [(a, b) for a in self._objects[pair[0]] for b in self._objects[pair[1]]]
+
+    def _checking(self, pairs: list[tuple[str, str]]) -> pinocchio.GeometryModel:
+        """The links' shapes, of which these pairs of links are checked and no others."""
+        return _with_pairs(self._geometry, [ids for pair in pairs for ids in self._object_pairs(pair)])
 
     def _any_hit(self, geometry: pinocchio.GeometryModel, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, " n"]:
         if len(joints) == 0 or len(geometry.collisionPairs) == 0:
@@ -92,31 +107,43 @@ class SelfCollision:
         pool = pinocchio.GeometryPool(self._model, geometry, 1)
         return np.array(pinocchio.computeCollisionsInParallel(1, pool, np.asfortranarray(joints.T), True))
 
-    def _split_base(self, robot: RobotDescription, links: list[str]) -> None:
-        """Enclose the base in slabs of cylinders about the first axis: all of it, and its core; keep the difference."""
-        base = self._geometry.geometryObjects[self._geometry.getGeometryId(f"{self._base}_0")]
-        axis = self._model.jointPlacements[1]
-        mesh = trimesh.load(robot.meshes[self._base], force="mesh")
-        mesh.apply_scale(base.meshScale)
-        mesh.apply_transform((axis.inverse() * base.placement).homogeneous)
+    def _split_base(self, robot: RobotDescription, base: set[str], links: list[str]) -> None:
+        """Enclose the base in slabs of cylinders about the first axis: all of it, and its core; keep the difference.
+
+        Args:
+            robot: The arm.
+            base: The links that joint 1 does not move and that something can hit.
+            links: The links that can hit them.
+        """
+        if not base:
+            self._envelope = self._core = self._protrusions = _with_pairs(self._geometry, [])
+            return
+        axis = self._model.jointPlacements[1] * _turned_to_z(self._model.joints[1])
+        frame = {link: self._model.frames[self._model.getFrameId(link)].placement for link in base}
+        parts = []
+        for link in sorted(base):
+            for shape in robot.shapes[link]:
+                parts.append(shape.triangles().apply_transform((axis.inverse() * frame[link]).homogeneous))
+        mesh = trimesh.util.concatenate(parts)
+        edge = max(EDGE, mesh.extents.max() / 150)
         points, triangles, parents = trimesh.remesh.subdivide_to_size(
-            mesh.vertices, mesh.faces, EDGE, max_iter=20, return_index=True
+            mesh.vertices, mesh.faces, edge, max_iter=20, return_index=True
         )
         radius = np.hypot(points[:, 0], points[:, 1])
         sector = np.floor((np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
         lower, upper = points[:, 2].min(), points[:, 2].max()
-        edges = np.linspace(lower, upper, int(np.ceil((upper - lower) / SLAB)) + 1)
+        edges = np.linspace(lower, upper, max(int(np.ceil((upper - lower) / SLAB)), 1) + 1)
 
         envelope, core, protruding = [], [], np.zeros(len(points), dtype=bool)
         for bottom, top in zip(edges, edges[1:], strict=False):
-            slab = np.flatnonzero((points[:, 2] >= bottom - EDGE) & (points[:, 2] <= top + EDGE))
+            slab = np.flatnonzero((points[:, 2] >= bottom - edge) & (points[:, 2] <= top + edge))
             widest = np.zeros(SECTORS)
             np.maximum.at(widest, sector[slab], radius[slab])
-            core_radius = np.median(widest) + EDGE
+            core_radius = np.median(widest) + edge
             middle = axis * pinocchio.SE3(np.eye(3), np.array([0, 0, (bottom + top) / 2]))
             core.append((coal.Cylinder(core_radius, top - bottom), middle))
             envelope.append((coal.Cylinder(max(widest.max(), core_radius), top - bottom), middle))
-            protruding[slab] |= radius[slab] > core_radius - EDGE / 2
+            protruding[slab] |= radius[slab] > core_radius - edge / 2
         faces = mesh.faces[np.unique(parents[protruding[triangles].any(1)])]
 
         self._envelope = self._against(links, envelope)
@@ -128,12 +155,11 @@ class SelfCollision:
     ) -> pinocchio.GeometryModel:
         """A model that checks these shapes, fixed to the base, against these links."""
         geometry = self._geometry.copy()
-        base = geometry.geometryObjects[geometry.getGeometryId(f"{self._base}_0")]
-        for i, (shape, placement) in enumerate(shapes):
-            geometry.addGeometryObject(
-                pinocchio.GeometryObject(f"shape{i}_0", base.parentJoint, base.parentFrame, placement, shape)
-            )
-        return _with_pairs(geometry, [(f"shape{i}", link) for i in range(len(shapes)) for link in links])
+        added = [
+            geometry.addGeometryObject(pinocchio.GeometryObject(f"base part {i}", 0, 0, placement, shape))
+            for i, (shape, placement) in enumerate(shapes)
+        ]
+        return _with_pairs(geometry, [(i, j) for i in added for link in links for j in self._objects[link]])
 
 
 @lru_cache
@@ -149,14 +175,20 @@ def _collision_geometry(robot: RobotDescription, model: pinocchio.Model) -> pino
         return pinocchio.buildGeomFromUrdf(model, str(file), pinocchio.GeometryType.COLLISION)
 
 
-def _with_pairs(geometry: pinocchio.GeometryModel, pairs: list[tuple[str, str]]) -> pinocchio.GeometryModel:
-    """A copy that checks these pairs and no others."""
+def _with_pairs(geometry: pinocchio.GeometryModel, pairs: list[tuple[int, int]]) -> pinocchio.GeometryModel:
+    """A copy that checks these pairs of its objects and no others."""
     geometry = geometry.copy()
     geometry.removeAllCollisionPairs()
     for pair in pairs:
-        ids = [geometry.getGeometryId(f"{name}_0") for name in pair]
-        geometry.addCollisionPair(pinocchio.CollisionPair(*ids))
+        geometry.addCollisionPair(pinocchio.CollisionPair(*pair))
     return geometry
+
+
+def _turned_to_z(joint: pinocchio.JointModel) -> pinocchio.SE3:
+    """From a frame whose z axis is the joint's axis to the joint's own frame."""
+    data = joint.createData()
+    joint.calc(data, np.zeros(1), np.ones(1))
+    return pinocchio.SE3(pinocchio.Quaternion.FromTwoVectors(np.array([0.0, 0, 1]), data.v.angular), np.zeros(3))
 
 
 def _bounding_volumes(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> coal.BVHModelOBBRSS:

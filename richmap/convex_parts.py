@@ -11,9 +11,14 @@ from jaxtyping import Float
 
 from richmap.files import FileRefusedError, load_arrays, save_arrays
 from richmap.robot import RobotDescription
+from richmap.shape import Shape
 
 FOLDER = Path(__file__).parent / "convex_parts"
 KIND, VERSION = "richmap.ConvexParts", 1
+PARTS_PER_LINK = 16
+
+CONVEX = 0.999
+"""A closed mesh that fills its convex hull to at least this share is one part."""
 
 ConvexParts = dict[str, list[Float[np.ndarray, "v 3"]]]
 """For each link, the vertices of its convex parts in the link's frame, in [m]."""
@@ -42,25 +47,33 @@ def load_convex_parts(robot: RobotDescription) -> ConvexParts:
     return parts
 
 
-def fit_convex_parts(robot: RobotDescription, parts_per_link: int = 16) -> ConvexParts:
-    """Decompose each link's collision mesh into at most so many convex parts by V-HACD; takes about a minute."""
-    import trimesh
+def fit_convex_parts(robot: RobotDescription, parts_per_link: int = PARTS_PER_LINK) -> ConvexParts:
+    """Decompose each collision mesh into at most so many convex parts by V-HACD; takes about a minute.
+
+    Boxes, cylinders, spheres and meshes that fill their hull are convex as they are.
+    """
+    return {
+        link: [part for shape in shapes for part in _convex_parts(shape, parts_per_link)]
+        for link, shapes in robot.shapes.items()
+    }
+
+
+def _convex_parts(shape: Shape, parts_per_link: int) -> list[Float[np.ndarray, "v 3"]]:
     import vhacdx
 
-    parts: ConvexParts = {}
-    for link, file in robot.meshes.items():
-        mesh = trimesh.load(file, force="mesh")
-        faces = np.hstack([np.full((len(mesh.faces), 1), 3), mesh.faces]).astype(np.uint32)
-        hulls = vhacdx.compute_vhacd(
-            np.asarray(mesh.vertices, dtype=np.float64),
-            faces.ravel(),
-            maxConvexHulls=parts_per_link,
-            resolution=400_000,
-            maxNumVerticesPerCH=48,
-            minimumVolumePercentErrorAllowed=0.2,
-        )
-        parts[link] = [np.asarray(vertices, dtype=np.float32) for vertices, _ in hulls]
-    return parts
+    mesh = shape.triangles()
+    if shape.kind != "mesh" or (mesh.is_watertight and mesh.volume >= CONVEX * mesh.convex_hull.volume):
+        return [np.asarray(mesh.convex_hull.vertices, dtype=np.float32)]
+    faces = np.hstack([np.full((len(mesh.faces), 1), 3), mesh.faces]).astype(np.uint32)
+    hulls = vhacdx.compute_vhacd(
+        np.asarray(mesh.vertices, dtype=np.float64),
+        faces.ravel(),
+        maxConvexHulls=parts_per_link,
+        resolution=400_000,
+        maxNumVerticesPerCH=48,
+        minimumVolumePercentErrorAllowed=0.2,
+    )
+    return [np.asarray(vertices, dtype=np.float32) for vertices, _ in hulls]
 
 
 def save_convex_parts(robot: RobotDescription, parts: ConvexParts) -> None:
@@ -73,7 +86,7 @@ def save_convex_parts(robot: RobotDescription, parts: ConvexParts) -> None:
 if __name__ == "__main__":
     import sys
 
-    from richmap.robot import load_robot
+    from richmap.robots import load_robot
 
     for name in sys.argv[1:]:
         save_convex_parts(load_robot(name), fit_convex_parts(load_robot(name)))

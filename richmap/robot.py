@@ -1,15 +1,16 @@
-"""Robot descriptions: one URDF per arm, read from the packages that ship it, with base and flange named."""
+"""What an arm is: one URDF text, with base and flange named, that every stage reads."""
 
 import hashlib
-import importlib.metadata
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
+
+from richmap.shape import Shape
 
 if TYPE_CHECKING:
     import pytorch_kinematics
@@ -59,22 +60,28 @@ class RobotDescription:
         return np.array([float(joint.find("limit").get("upper")) for joint in self._actuated])
 
     @cached_property
+    def depth(self) -> dict[str, int]:
+        """How many joints move each link of the chain; 0 for the base and what is fixed to it."""
+        moving = np.cumsum([joint.get("type") != "fixed" for joint in self._joint_before])
+        return dict(zip(self.links, (0, *moving.tolist()), strict=True))
+
+    @cached_property
+    def shapes(self) -> dict[str, tuple[Shape, ...]]:
+        """Collision shapes of each link of the chain that has some, from base to flange."""
+        shapes = {
+            link.get("name"): tuple(Shape.from_urdf(collision) for collision in link.findall("collision"))
+            for link in self._root.iter("link")
+        }
+        return {link: shapes[link] for link in self.links if shapes[link]}
+
+    @cached_property
     def fingerprint(self) -> str:
         """SHA-256 over the description and the bytes of its meshes, independent of where they are installed."""
         text = self.urdf
-        for mesh in sorted(set(self.meshes.values())):
-            text = text.replace(str(mesh), hashlib.sha256(mesh.read_bytes()).hexdigest())
+        files = {str(shape.file) for shapes in self.shapes.values() for shape in shapes if shape.file}
+        for file in sorted(files, key=len, reverse=True):  # One name may begin another.
+            text = text.replace(file, hashlib.sha256(Path(file).read_bytes()).hexdigest())
         return hashlib.sha256("\n".join([text, self.base, self.end_effector]).encode()).hexdigest()
-
-    @cached_property
-    def meshes(self) -> dict[str, Path]:
-        """Collision mesh of each link of the chain that has one."""
-        found = {}
-        for link in self._root.iter("link"):
-            mesh = link.find("collision/geometry/mesh")
-            if mesh is not None:
-                found[link.get("name")] = Path(mesh.get("filename"))
-        return found
 
     def chain(self) -> "pytorch_kinematics.SerialChain":
         """Differentiable kinematics from base to flange."""
@@ -89,76 +96,11 @@ class RobotDescription:
         return ET.fromstring(self.urdf)
 
     @cached_property
-    def _actuated(self) -> list[ET.Element]:
+    def _joint_before(self) -> list[ET.Element]:
+        """The joint that carries each link but the base."""
         joint_of_child = {joint.find("child").get("link"): joint for joint in self._root.iter("joint")}
-        chain = (joint_of_child[link] for link in self.links[1:])
-        return [joint for joint in chain if joint.get("type") != "fixed"]
+        return [joint_of_child[link] for link in self.links[1:]]
 
-
-ROBOTS = ("xarm6", "ur3", "ur5", "ur10")
-
-
-@lru_cache
-def load_robot(name: str) -> RobotDescription:
-    """Description of one of the robots that the benchmark ships with.
-
-    Raises:
-        ValueError: If there is no robot of that name.
-    """
-    if name == "xarm6":
-        return _xarm6()
-    if name in ("ur3", "ur5", "ur10"):
-        return _universal_robots_cb(name)
-    raise ValueError(f"There is no robot {name!r}. Robots: {', '.join(ROBOTS)}")
-
-
-def _xarm6() -> RobotDescription:
-    """UFactory xArm6, as described by the QUT Centre for Robotics."""
-    import rtbdata
-    import xacro
-
-    data = Path(rtbdata.__file__).parent
-    text = xacro.process_file(data / "armer_xarm/data/xacro/robots/xarm6/xarm6.xacro").toxml()
-    return RobotDescription(
-        name="xarm6",
-        urdf=_clean(text, {"package://armer_xarm/": f"{data}/armer_xarm/"}, "link_base", "link6"),
-        base="link_base",
-        end_effector="link6",
-        source=f"rtb-data {importlib.metadata.version('rtb-data')}, armer_xarm",
-        licence="MIT",
-    )
-
-
-def _universal_robots_cb(name: str) -> RobotDescription:
-    """UR3, UR5 or UR10 of the CB series, as described by ur_description."""
-    files = importlib.metadata.files("example-robot-data")
-    urdf = next(Path(f.locate()) for f in files if f.name == f"{name}_robot.urdf").resolve()
-    share = urdf.parents[4]
-    return RobotDescription(
-        name=name,
-        urdf=_clean(urdf.read_text(), {"package://": f"{share}/"}, "base_link", "tool0"),
-        base="base_link",
-        end_effector="tool0",
-        source=f"example-robot-data {importlib.metadata.version('example-robot-data')}, ur_description",
-        licence="BSD-3-Clause",
-    )
-
-
-def _clean(urdf: str, paths: dict[str, str], base: str, end_effector: str) -> str:
-    """Keep the links and joints between base and flange, their collision meshes and absolute mesh names."""
-    root = ET.fromstring(urdf)
-    joint_of_child = {j.find("child").get("link"): j for j in root.findall("joint") if j.find("child") is not None}
-    links, joints = [end_effector], []
-    while links[-1] != base:
-        joints.append(joint_of_child[links[-1]])
-        links.append(joints[-1].find("parent").get("link"))
-    for child in list(root):
-        if child not in joints and not (child.tag == "link" and child.get("name") in links):
-            root.remove(child)
-    for link in root.iter("link"):
-        for visual in link.findall("visual"):
-            link.remove(visual)
-    for mesh in root.iter("mesh"):
-        for prefix, path in paths.items():
-            mesh.set("filename", mesh.get("filename").replace(prefix, path))
-    return ET.tostring(root, encoding="unicode")
+    @cached_property
+    def _actuated(self) -> list[ET.Element]:
+        return [joint for joint in self._joint_before if joint.get("type") != "fixed"]

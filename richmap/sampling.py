@@ -33,7 +33,7 @@ def sample_workspace(
     it is known to stay free (orbit sampling; `SelfCollision.free_turns`).
 
     Args:
-        robot: The arm; orbit sampling is used if its first axis is the base frame's z axis.
+        robot: The arm; orbit sampling is used if its first axis is the base frame's z axis, up or down.
         rng: Source of randomness.
         configurations: Number of configurations to draw.
         turns: Angles of joint 1 per configuration; 1 switches orbit sampling off.
@@ -44,7 +44,8 @@ def sample_workspace(
     free = ~check(joints)
     joints, phase = joints[free], phase[free]
     position, direction = flange_poses(robot, joints)
-    if turns == 1 or not turns_about_base_z(robot):
+    way = way_about_base_z(robot)
+    if turns == 1 or way == 0:
         return _as_float32(joints, position, direction, len(joints))
 
     middle = (robot.lower[0] + robot.upper[0]) / 2
@@ -53,7 +54,7 @@ def sample_workspace(
     of, turn = np.nonzero(check.free_turns(joints, angle))
     turned = joints[of]
     turned[:, 0] = angle[of, turn]
-    by = turned[:, 0] - joints[of, 0]
+    by = way * (turned[:, 0] - joints[of, 0])
     return _as_float32(
         np.concatenate([joints, turned]),
         np.concatenate([position, _rotate_about_z(position[of], by)]),
@@ -72,13 +73,16 @@ def flange_poses(
     return pose[:, :3, 3], pose[:, :3, 2]
 
 
-def turns_about_base_z(robot: RobotDescription) -> bool:
-    """Whether joint 1 turns counter-clockwise about the z axis through the origin of the base frame."""
+def way_about_base_z(robot: RobotDescription) -> int:
+    """How joint 1 turns the arm about the base frame's z axis: 1 counter-clockwise, -1 clockwise, 0 not about it."""
     rng = np.random.default_rng(0)
     joints = rng.uniform(robot.lower, robot.upper, (8, len(robot.joints)))
-    turned = joints + np.eye(len(robot.joints))[0]
-    before, after = flange_poses(robot, joints), flange_poses(robot, turned)
-    return all(np.allclose(_rotate_about_z(b, np.ones(8)), a, atol=1e-6) for b, a in zip(before, after, strict=True))
+    before, after = flange_poses(robot, joints), flange_poses(robot, joints + np.eye(len(robot.joints))[0])
+    for way in (1, -1):
+        by = np.full(8, float(way))
+        if all(np.allclose(_rotate_about_z(b, by), a, atol=1e-6) for b, a in zip(before, after, strict=True)):
+            return way
+    return 0
 
 
 @lru_cache

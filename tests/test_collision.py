@@ -4,7 +4,7 @@ import pytest
 
 from richmap.collision import self_collision
 from richmap.mujoco_model import arm_spec
-from richmap.robot import ROBOTS, load_robot
+from richmap.robots import ROBOTS, load_robot
 
 
 @pytest.fixture(params=ROBOTS)

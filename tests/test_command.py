@@ -8,6 +8,9 @@ import pytest
 ROOT = Path(__file__).parents[1]
 BAD = {
     "robot=ur7": "Allowed: ur10, ur3, ur5, xarm6",
+    "robot=panda": "robot=panda is not allowed. Allowed: ur10, ur3, ur5, xarm6",
+    "robot=custom": "robot=custom is not allowed. Allowed: ur10, ur3, ur5, xarm6",
+    "robot.path=a.urdf": "There is no setting 'robot.path'",
     "lamda=1": "Did you mean 'lambda'? Settings: robot, lambda, episodes",
     "lambda=-1": "Allowed: any number >= 0",
     "lambda=abc": "any number >= 0",

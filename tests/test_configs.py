@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 
 from benchmark import command
 from benchmark.collect import CollectConfig
-from benchmark.config import BuildMapsConfig, LeaderboardConfig, OracleConfig, RunConfig
+from benchmark.config import BuildMapsConfig, LeaderboardConfig, OracleConfig, RunConfig, SelfCollisionConfig
 from benchmark.train import TrainConfig
 
 SCHEMAS = {
@@ -20,6 +20,8 @@ SCHEMAS = {
     "leaderboard": LeaderboardConfig,
     "collect": CollectConfig,
     "train": TrainConfig,
+    "record": RunConfig,
+    "self_collision": SelfCollisionConfig,
 }
 
 

@@ -5,7 +5,7 @@ from richmap.construction import build_map
 from richmap.files import FileRefusedError
 from richmap.grid import Grid
 from richmap.reachability_map import Construction, ReachabilityMap
-from richmap.robot import load_robot
+from richmap.robots import load_robot
 from richmap.sampling import sample_workspace
 
 GRID = Grid.around_base(cell_size=0.2, half_width=1.0, z_offset=0.2)

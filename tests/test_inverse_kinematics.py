@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from envs.arms import HEIGHT, POSTURES, arm_setting, make_kinematics, start_posture
+from envs.arms import ARMS, HEIGHT, POSTURES, arm_setting, make_kinematics, start_posture
 from envs.inverse_kinematics import ITERATIONS, MAX_TURN
 from envs.scene import START
-from richmap.robot import ROBOTS, load_robot
+from richmap.robots import load_robot
 
 BRANCHES = [branch for branch in POSTURES if branch != ("ur3", "in")]
 
@@ -35,7 +35,7 @@ def test_ur3_cannot_reach_the_start_with_its_wrist_in():
         start_posture(make_kinematics(setting), setting)
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", ARMS)
 def test_five_iterations_a_step_follow_a_line_across_the_table(robot):
     setting = arm_setting(robot)
     kinematics = make_kinematics(setting)

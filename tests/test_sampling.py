@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from richmap.collision import self_collision
-from richmap.robot import ROBOTS, load_robot
+from richmap.robots import ROBOTS, load_robot
 from richmap.sampling import flange_poses, sample_workspace
 
 

@@ -7,7 +7,7 @@ from richmap.construction import build_map
 from richmap.energy import EnergyField, EnergySettings
 from richmap.grid import Grid
 from richmap.reachability_map import Construction
-from richmap.robot import load_robot
+from richmap.robots import load_robot
 from richmap.similarity import similarity
 
 FLANGE_HEIGHT = 0.06

@@ -1,0 +1,183 @@
+"""MJCF to URDF: bodies become links, hinges revolute joints, geoms that collide collision shapes, sites frames."""
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+_GEOM = mujoco.mjtGeom
+_JOINT_TYPE = {mujoco.mjtJoint.mjJNT_SLIDE: "prismatic", mujoco.mjtJoint.mjJNT_BALL: "floating",
+               mujoco.mjtJoint.mjJNT_FREE: "floating"}  # fmt: skip
+
+
+def urdf_from_mjcf(path: Path) -> str:
+    """URDF text with the same frames, joints, masses and collision shapes.
+
+    A hinge without a range turns without end and becomes a continuous joint. Geoms that can collide with nothing
+    (contype and conaffinity 0) are looks and are left out, also of the masses. A capsule becomes a cylinder and two
+    spheres.
+
+    Raises:
+        ValueError: If MuJoCo cannot read the file, a mesh is missing, or a shape has no counterpart in URDF.
+    """
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        files = _strip_looks(spec, path)
+        model = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ValueError(f"{path} is no MJCF that MuJoCo reads: {error}") from error
+    robot = ET.Element("robot", name=spec.modelname or path.stem)
+    names = [model.body(i).name or f"body{i}" for i in range(model.nbody)]
+    for i, name in enumerate(names):
+        if i > 0:
+            _add_joints(robot, model, i, names[model.body_parentid[i]], name)
+        link = ET.SubElement(robot, "link", name=name)
+        if model.body_mass[i] > 0:
+            _add_inertial(link, model, i)
+        for geom in np.flatnonzero(model.geom_bodyid == i).tolist():
+            _add_shape(link, model, geom, files)
+    for i in range(model.nsite):
+        site = model.site(i)
+        if site.name and site.name not in names:
+            parent = names[model.site_bodyid[i]]
+            _add_joint(robot, f"{site.name}_fixed", "fixed", parent, site.name, _pose(site.pos, site.quat))
+            ET.SubElement(robot, "link", name=site.name)
+    _mark_coupled(robot, model)
+    return ET.tostring(robot, encoding="unicode")
+
+
+def _strip_looks(spec: mujoco.MjSpec, path: Path) -> dict[str, Path]:
+    """Delete what is only seen; the files of the meshes that stay, by mesh."""
+    for geom in spec.geoms:
+        geom.material = ""
+        if geom.contype == 0 and geom.conaffinity == 0:
+            spec.delete(geom)
+    for looks in [*spec.materials, *spec.textures, *spec.skins, *spec.keys]:
+        spec.delete(looks)
+    used = {geom.meshname for geom in spec.geoms}
+    files = {}
+    for mesh in spec.meshes:
+        name = mesh.name or Path(mesh.file).stem
+        if name not in used:
+            spec.delete(mesh)
+            continue
+        file = (path.parent / spec.meshdir / mesh.file).resolve()
+        if not mesh.file:
+            raise ValueError(f"mesh {name!r} has no file. Save its vertices as STL or OBJ.")
+        if not file.is_file():
+            raise ValueError(f"mesh {name!r} is missing: there is no file {file}.")
+        files[name] = file
+    return files
+
+
+def _add_joints(robot: ET.Element, model: mujoco.MjModel, body: int, parent: str, name: str) -> None:
+    """The joints of a body in their order, each at its anchor; then the body's own frame."""
+    pose = _pose(model.body_pos[body], model.body_quat[body])
+    joints = range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
+    anchor = np.zeros(3)
+    for joint in joints:
+        place = pose @ _pose(model.jnt_pos[joint] - anchor, [1, 0, 0, 0])
+        anchor, pose = model.jnt_pos[joint], np.eye(4)
+        joint_name = model.joint(joint).name or f"{name}_joint{joint}"
+        moved = name if joint == joints[-1] and not anchor.any() else f"{joint_name}_anchor"
+        kind = _JOINT_TYPE.get(model.jnt_type[joint])
+        limited = model.jnt_limited[joint]
+        element = _add_joint(robot, joint_name, kind or ("revolute" if limited else "continuous"), parent, moved, place)
+        ET.SubElement(element, "axis", xyz=_text(model.jnt_axis[joint]))
+        if limited and kind is None:
+            # MJCF's zero is where the file draws the arm, whatever `ref` calls that angle.
+            lower, upper = _text(model.jnt_range[joint] - model.qpos0[model.jnt_qposadr[joint]]).split()
+            ET.SubElement(element, "limit", lower=lower, upper=upper, effort="0", velocity="0")
+        if moved != name:
+            ET.SubElement(robot, "link", name=moved)
+        parent = moved
+    if parent != name:
+        _add_joint(robot, f"{name}_fixed", "fixed", parent, name, pose @ _pose(-anchor, [1, 0, 0, 0]))
+
+
+def _add_joint(
+    robot: ET.Element, name: str, kind: str, parent: str, child: str, pose: Float[np.ndarray, "4 4"]
+) -> ET.Element:
+    joint = ET.SubElement(robot, "joint", name=name, type=kind)
+    _add_origin(joint, pose)
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link=child)
+    return joint
+
+
+def _mark_coupled(robot: ET.Element, model: mujoco.MjModel) -> None:
+    """A joint that an equality constraint ties to another is a mimic joint in URDF."""
+    for i in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT):
+        if model.eq_obj2id[i] >= 0:
+            names = [model.joint(j).name for j in (model.eq_obj1id[i], model.eq_obj2id[i])]
+            joint = next(j for j in robot.iter("joint") if j.get("name") == names[0])
+            ET.SubElement(joint, "mimic", joint=names[1])
+
+
+def _add_inertial(link: ET.Element, model: mujoco.MjModel, body: int) -> None:
+    inertial = ET.SubElement(link, "inertial")
+    _add_origin(inertial, _pose(model.body_ipos[body], model.body_iquat[body]))
+    ET.SubElement(inertial, "mass", value=repr(float(model.body_mass[body])))
+    ixx, iyy, izz = (repr(float(x)) for x in model.body_inertia[body])
+    ET.SubElement(inertial, "inertia", ixx=ixx, ixy="0", ixz="0", iyy=iyy, iyz="0", izz=izz)
+
+
+def _add_shape(link: ET.Element, model: mujoco.MjModel, geom: int, files: dict[str, Path]) -> None:
+    kind, size = model.geom_type[geom], [repr(float(x)) for x in model.geom_size[geom]]
+    pose = _pose(model.geom_pos[geom], model.geom_quat[geom])
+    if kind == _GEOM.mjGEOM_MESH:
+        mesh = model.geom_dataid[geom]
+        # MuJoCo moves a mesh into its principal axes: undo it, since the file is what is named.
+        pose = pose @ np.linalg.inv(_pose(model.mesh_pos[mesh], model.mesh_quat[mesh]))
+        scale = _text(model.mesh_scale[mesh])
+        _add_collision(link, pose, "mesh", filename=str(files[model.mesh(mesh).name]), scale=scale)
+    elif kind == _GEOM.mjGEOM_BOX:
+        _add_collision(link, pose, "box", size=_text(2 * model.geom_size[geom]))
+    elif kind == _GEOM.mjGEOM_SPHERE:
+        _add_collision(link, pose, "sphere", radius=size[0])
+    elif kind in (_GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_CAPSULE):
+        half = float(model.geom_size[geom][1])
+        _add_collision(link, pose, "cylinder", radius=size[0], length=repr(2 * half))
+        for end in (-half, half) if kind == _GEOM.mjGEOM_CAPSULE else ():
+            _add_collision(link, pose @ _pose([0, 0, end], [1, 0, 0, 0]), "sphere", radius=size[0])
+    elif model.geom_bodyid[geom] > 0:  # The world's floor is no part of an arm.
+        name = _GEOM(kind).name.removeprefix("mjGEOM_").lower()
+        raise ValueError(
+            f"Body {link.get('name')!r} collides by a {name}. Shapes that are known: mesh, box, cylinder, capsule, "
+            "sphere; save it as a mesh."
+        )
+
+
+def _add_collision(link: ET.Element, pose: Float[np.ndarray, "4 4"], tag: str, **attributes: str) -> None:
+    collision = ET.SubElement(link, "collision")
+    _add_origin(collision, pose)
+    ET.SubElement(ET.SubElement(collision, "geometry"), tag, attributes)
+
+
+def _add_origin(element: ET.Element, pose: Float[np.ndarray, "4 4"]) -> None:
+    ET.SubElement(element, "origin", xyz=_text(pose[:3, 3]), rpy=_text(_roll_pitch_yaw(pose[:3, :3])))
+
+
+def _pose(position, quaternion) -> Float[np.ndarray, "4 4"]:
+    """From a position in [m] and a quaternion w x y z."""
+    turn = np.empty(9)
+    mujoco.mju_quat2Mat(turn, np.array(quaternion, dtype=float) / np.linalg.norm(quaternion))
+    pose = np.eye(4)
+    pose[:3, :3] = turn.reshape(3, 3)
+    pose[:3, 3] = position
+    return pose
+
+
+def _roll_pitch_yaw(turn: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
+    """Angles about the fixed x, y, z axes, in that order, in [rad]; yaw 0 where pitch is +-90 degrees."""
+    cosine = np.hypot(turn[0, 0], turn[1, 0])
+    pitch = np.arctan2(-turn[2, 0], cosine)
+    if cosine < 1e-9:
+        return np.array([np.arctan2(-turn[1, 2], turn[1, 1]), pitch, 0.0])
+    return np.array([np.arctan2(turn[2, 1], turn[2, 2]), pitch, np.arctan2(turn[1, 0], turn[0, 0])])
+
+
+def _text(numbers: Float[np.ndarray, "..."]) -> str:
+    return " ".join(repr(float(x)) for x in numbers)

@@ -1,0 +1,196 @@
+import mujoco
+import numpy as np
+import pinocchio
+import pytest
+import trimesh
+
+from richmap.collision import self_collision
+from richmap.convex_parts import fit_convex_parts
+from richmap.custom import custom_robot
+from richmap.mujoco_model import arm_spec
+from richmap.robots import load_robot
+from richmap.sampling import flange_poses, sample_workspace
+
+ARM = """
+<robot name="arm">
+  <link name="base"/>
+  <joint name="mount" type="fixed"><parent link="base"/><child link="foot"/><origin xyz="0 0 0.01"/></joint>
+  <link name="foot"><collision><origin xyz="0 0 0.1"/><geometry><box size="0.2 0.3 0.2"/></geometry></collision></link>
+  <joint name="pan" type="continuous"><parent link="foot"/><child link="upper"/><origin xyz="0 0 0.25"/>
+    <axis xyz="0 0 1"/></joint>
+  <link name="upper">
+    <visual><geometry><mesh filename="nowhere.dae"/></geometry></visual>
+    <collision><origin rpy="1.5707963267948966 0 0" xyz="0 0 0.1"/><geometry>
+      <mesh filename="package://arm_description/tube.stl" scale="0.001 0.001 0.001"/></geometry></collision>
+  </link>
+  <joint name="lift" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0 0 0.2"/>
+    <axis xyz="0 1 0"/><limit lower="-2" upper="2.8" effort="1" velocity="1"/><dynamics damping="1" K="3"/></joint>
+  <link name="fore"><collision><origin xyz="0 0 0.2"/><geometry><cylinder radius="0.03" length="0.4"/></geometry>
+    </collision></link>
+  <joint name="bend" type="revolute"><parent link="fore"/><child link="hand"/><origin xyz="0 0 0.4"/>
+    <axis xyz="0 1 0"/><limit lower="-2.9" upper="2.9" effort="1" velocity="1"/></joint>
+  <link name="hand">
+    <collision><origin xyz="0 0 0.1"/><geometry><sphere radius="0.04"/></geometry></collision>
+    <collision><origin xyz="0 0 0.2"/><geometry><sphere radius="0.04"/></geometry></collision>
+  </link>
+  <joint name="tip" type="fixed"><parent link="hand"/><child link="flange"/><origin xyz="0 0 0.25"/></joint>
+  <link name="flange"/>
+  <joint name="grip" type="prismatic"><parent link="flange"/><child link="finger"/><axis xyz="0 1 0"/>
+    <limit lower="0" upper="0.1" effort="1" velocity="1"/></joint>
+  <link name="finger"/>
+  <gazebo/>
+</robot>
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    folder = tmp_path / "arm_description" / "urdf"
+    folder.mkdir(parents=True)
+    trimesh.creation.annulus(20, 30, 150).export(folder.parent / "tube.stl")
+    (folder / "arm.urdf").write_text(ARM)
+    return folder / "arm.urdf"
+
+
+def test_the_chain_between_the_named_frames_is_what_counts(file):
+    robot = custom_robot(file, "base", "flange")
+    assert robot.name == "custom-arm" and robot.joints == ("pan", "lift", "bend")
+    assert np.allclose(robot.lower, [-np.pi, -2, -2.9]) and np.allclose(robot.upper, [np.pi, 2.8, 2.9])
+    position, direction = flange_poses(robot, np.array([[0.0, 0, 0], [np.pi / 2, np.pi / 2, -np.pi / 2]]))
+    assert np.allclose(position, [[0, 0, 1.11], [0, 0.4, 0.71]], atol=1e-6)
+    assert np.allclose(direction, [[0, 0, 1], [0, 0, 1]], atol=1e-6)
+
+
+def test_scale_and_origin_of_a_mesh_are_honoured(file):
+    (tube,) = custom_robot(file, "base", "flange").shapes["upper"]
+    assert np.allclose(tube.triangles().bounds, [[-0.03, -0.075, 0.07], [0.03, 0.075, 0.13]], atol=1e-4)
+
+
+def test_boxes_cylinders_and_spheres_collide(file):
+    robot = custom_robot(file, "base", "flange")
+    check = self_collision(robot)
+    assert set(check.pairs) == {("foot", "fore"), ("foot", "hand"), ("upper", "hand")}
+    joints = np.array([[0, 0, 0], [0, 2.75, 0], [0, 2.4, 1.7]])
+    # The stretched arm is free; folded down, the forearm meets the foot; bent back, the hand alone does.
+    hits = check.pair_hits(joints)
+    assert not hits[0].any()
+    assert hits[1, check.pairs.index(("foot", "fore"))]
+    assert (check(joints) == hits.any(1)).all()
+
+
+def test_a_foot_that_is_fixed_to_the_base_does_not_turn_with_the_arm(file):
+    robot = custom_robot(file, "base", "flange")
+    check = self_collision(robot)
+    rng = np.random.default_rng(0)
+    joints = rng.uniform(robot.lower, robot.upper, (1000, 3))
+    joints = joints[~check(joints)]
+    turns = rng.uniform(-np.pi, np.pi, (len(joints), 4))
+    free = check.free_turns(joints, turns)
+    for k in range(4):
+        turned = np.column_stack([turns[:, k], joints[:, 1:]])
+        assert not (check(turned) & free[:, k]).any()
+    samples = sample_workspace(robot, rng, 200, 16)
+    assert len(samples.joints) > 5 * samples.independent
+    assert not check(samples.joints.astype(float)).any()
+
+
+def test_every_stage_reads_the_same_arm(file):
+    robot = custom_robot(file, "base", "flange")
+    model = arm_spec(robot, visual=True, parts=fit_convex_parts(robot)).compile()
+    data, pin = mujoco.MjData(model), pinocchio.buildModelFromXML(robot.urdf)
+    pin_data = pin.createData()
+    joints = np.random.default_rng(1).uniform(robot.lower, robot.upper, (300, 3))
+    position, _ = flange_poses(robot, joints)
+    hits = []
+    for q, p in zip(joints, position, strict=True):
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        hits.append(data.ncon > 0)
+        pinocchio.framesForwardKinematics(pin, pin_data, q)
+        assert np.allclose(data.body("flange").xpos, p, atol=1e-6)
+        assert np.allclose(pin_data.oMf[pin.getFrameId("flange")].translation, p, atol=1e-6)
+    assert (np.array(hits) == self_collision(robot)(joints)).mean() > 0.98
+
+
+def test_a_shipped_arm_read_as_a_custom_one_is_the_same_arm(tmp_path):
+    known = load_robot("panda")
+    file = tmp_path / "panda.urdf"
+    file.write_text(known.urdf)
+    robot = custom_robot(file, known.base, known.end_effector)
+    joints = np.random.default_rng(1).uniform(known.lower, known.upper, (300, 7))
+    assert all((a == b).all() for a, b in zip(flange_poses(robot, joints), flange_poses(known, joints), strict=True))
+    assert (self_collision(robot)(joints) == self_collision(known)(joints)).all()
+
+
+def test_frames_that_are_not_there_are_refused_with_those_that_are(file):
+    with pytest.raises(ValueError, match="no frame 'tool0' to be the end effector. Frames: base, foot, upper, fore"):
+        custom_robot(file, "base", "tool0")
+    with pytest.raises(ValueError, match="no frame 'world' to be the base"):
+        custom_robot(file, "world", "flange")
+
+
+def test_a_base_on_another_chain_is_refused(file):
+    with pytest.raises(
+        ValueError, match="two chains: 'flange' does not carry 'fore', which hangs on upper < foot < base"
+    ):
+        custom_robot(file, "flange", "fore")
+
+
+def test_a_gripper_joint_on_the_chain_is_refused(file):
+    with pytest.raises(ValueError, match="joint 'grip' is prismatic"):
+        custom_robot(file, "base", "finger")
+
+
+LIFT = '<limit lower="-2" upper="2.8" effort="1" velocity="1"/><dynamics damping="1" K="3"/>'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (LIFT, "", "revolute joint 'lift' has no limits. Give <limit .* or type=\"continuous\""),
+        (LIFT, '<limit lower="1" upper="1"/>', "revolute joint 'lift' has limits 1 to 1"),
+        (LIFT, '<limit effort="1" velocity="1"/>', "revolute joint 'lift' has limits None to None"),
+        (LIFT, LIFT + '<mimic joint="pan"/>', "joint 'lift' mimics 'pan'"),
+        (
+            "tube.stl",
+            "pipe.stl",
+            r"link 'upper' lacks its mesh package://arm_description/pipe.stl: there is no file .*",
+        ),
+        ("package://arm_description/tube.stl", "tube.obj", "link 'upper' lacks its mesh tube.obj: there is no file .*"),
+        ('<sphere radius="0.04"/>', '<capsule radius="1"/>', "link 'hand': .*mesh, box, cylinder, sphere. Got capsule"),
+        ('<sphere radius="0.04"/>', "<sphere/>", "link 'hand': .*lacks radius"),
+        ("</robot>", "", "arm.urdf is no XML"),
+        ("robot", "sdf", "begins with <sdf>"),
+        ('child link="flange"', 'child link="fore"', "link 'fore' hangs on both 'upper' and 'hand': a closed chain"),
+        ('child link="flange"', 'child link="ee"', "joint 'tip' names a link 'ee' that is not there"),
+    ],
+)
+def test_what_a_description_lacks_is_said(file, old, new, message):
+    file.write_text(ARM.replace(old, new))
+    with pytest.raises(ValueError, match=message):
+        custom_robot(file, "base", "flange")
+
+
+def test_a_mesh_that_cannot_be_read_is_named(file):
+    (file.parents[1] / "tube.stl").write_text("no mesh")
+    with pytest.raises(ValueError, match="collision shape of link 'upper': .*tube.stl"):
+        custom_robot(file, "base", "flange")
+
+
+def test_frames_with_nothing_that_moves_between_them_are_refused(file):
+    with pytest.raises(ValueError, match="no joint between base and end effector moves"):
+        custom_robot(file, "base", "foot")
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="There is no robot description .*arm.urdf"):
+        custom_robot(tmp_path / "arm.urdf", "base", "flange")
+
+
+def test_links_without_shapes_collide_with_nothing(file):
+    file.write_text(ARM.replace("collision", "visual"))
+    robot = custom_robot(file, "base", "flange")
+    assert robot.shapes == {}
+    assert not self_collision(robot)(np.zeros((3, 3))).any()
+    assert self_collision(robot).free_turns(np.zeros((3, 3)), np.zeros((3, 2))).all()
