@@ -1,1 +1,1 @@
-"""."""
+"""The commands: maps, demonstrations, training, rollouts, tables."""

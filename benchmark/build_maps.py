@@ -7,10 +7,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rich.console import Console
 
 from benchmark.command import run_command
-from benchmark.config import BuildMapsConfig, EnergyConfig, MapConfig
+from benchmark.config import SOURCE, BuildMapsConfig, EnergyConfig, MapConfig
 
 if TYPE_CHECKING:
     from richmap.construction import BuildProgress
@@ -18,12 +19,15 @@ if TYPE_CHECKING:
     from richmap.reachability_map import ReachabilityMap
     from richmap.robot import RobotDescription
 
-SOURCE = "xarm6"
-"""The arm that policies are trained on; its base frame is the world frame."""
 
-
-def robot_map(description: "RobotDescription", config: MapConfig, workers: int, console: Console) -> "ReachabilityMap":
-    """The robot's map, built if it is not in the cache."""
+def robot_map(
+    description: "RobotDescription",
+    base: tuple[float, float, float],
+    config: MapConfig,
+    workers: int,
+    console: Console,
+) -> "ReachabilityMap":
+    """The map of a robot with its base at a point of the world, in [m], built if it is not in the cache."""
     from benchmark.cache import cached, fingerprint
     from richmap import (
         collision,
@@ -38,7 +42,7 @@ def robot_map(description: "RobotDescription", config: MapConfig, workers: int, 
     )
 
     name = description.name
-    cells = grid.Grid.around_base(config.cell_size, config.half_width, config.z_offset)
+    cells = grid.Grid.around_base(config.cell_size, config.half_width, config.z_offset).moved(np.array(base))
     asked = reachability_map.Construction(
         robot=name,
         robot_fingerprint=description.fingerprint,
@@ -67,26 +71,36 @@ def robot_map(description: "RobotDescription", config: MapConfig, workers: int, 
 
 
 def energy_field(
-    target: "RobotDescription", map_config: MapConfig, config: EnergyConfig, workers: int, console: Console
+    target: "RobotDescription",
+    base: tuple[float, float, float],
+    map_config: MapConfig,
+    config: EnergyConfig,
+    workers: int,
+    console: Console,
 ) -> tuple["EnergyField", Path]:
-    """The field of a target arm against the source, and its file in the cache."""
+    """The field of a target arm, with its base at a point of the world, in [m], against the source.
+
+    Returns:
+        The field, in the world frame, and its file in the cache.
+    """
     from benchmark.cache import cached, fingerprint
     from richmap import energy, similarity
     from richmap.robots import load_robot
 
-    arms = dict.fromkeys((load_robot(SOURCE), target))
-    maps = [robot_map(arm, map_config, workers, console) for arm in arms]
-    source_map, target_map = maps[0], maps[-1]
+    source_map = robot_map(load_robot(SOURCE), (0.0, 0.0, 0.0), map_config, workers, console)
+    same = target.name == SOURCE and not any(base)
+    target_map = source_map if same else robot_map(target, base, map_config, workers, console)
     inputs = {
         "source": source_map.content_hash,
         "target": target_map.content_hash,
+        "base": base,
         "energy": asdict(config),
     }
     key = fingerprint(inputs, [similarity, energy])
 
     def build() -> energy.EnergyField:
         with console.status(f"Comparing {SOURCE} and {target.name}"):
-            grid = similarity.similarity(source_map, target_map)
+            grid = similarity.similarity(source_map, target_map, base)
             about = {"source": SOURCE, "target": target.name, "fingerprint": key}
             return energy.EnergyField.from_similarity(grid, energy.EnergySettings(**asdict(config)), about)
 
@@ -135,7 +149,7 @@ class MapProgress:
 def main(config: BuildMapsConfig) -> None:
     """Build what is missing and say where it is."""
     console = Console()
-    _, path = energy_field(config.robot.load(), config.map, config.energy, config.workers, console)
+    _, path = energy_field(config.robot.load(), (0.0, 0.0, 0.0), config.map, config.energy, config.workers, console)
     console.print(f"Energy field: {path}", soft_wrap=True)
 
 

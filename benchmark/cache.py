@@ -1,24 +1,29 @@
 """The user's cache: files keyed by a fingerprint of everything that they depend on."""
 
 import hashlib
+import importlib.metadata
 import inspect
 import json
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import Any
 
 import platformdirs
 from filelock import FileLock
 
 from richmap.files import FileRefusedError
 
-Value = TypeVar("Value")
+
+def package_versions(*names: str) -> str:
+    """Versions of the packages that a result depends on, as one text."""
+    return " ".join(f"{name}=={importlib.metadata.version(name)}" for name in names)
 
 
 def fingerprint(inputs: dict[str, Any], code: list[ModuleType]) -> str:
-    """SHA-256 over inputs, which JSON can hold, and over the source of the modules that work on them."""
+    """SHA-256 over inputs, which JSON can hold, and over the modules and packages that work on them."""
     digest = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode())
+    digest.update(package_versions("pin", "coal", "numpy", "scipy", "numba", "torch", "pytorch-kinematics").encode())
     for module in code:
         digest.update(inspect.getsource(module).encode())
     return digest.hexdigest()

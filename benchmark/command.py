@@ -8,8 +8,9 @@ import sys
 import textwrap
 from collections.abc import Callable
 from dataclasses import MISSING, fields, is_dataclass
+from functools import reduce
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn
 
 import hydra
 from hydra.core.config_store import ConfigStore
@@ -17,8 +18,6 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
-
-Config = TypeVar("Config")
 
 CONF = Path(__file__).parents[1] / "conf"
 
@@ -37,7 +36,7 @@ def run_command[Config](main: Callable[[Config], None], schema: type[Config], na
     Wrong settings end the program with status 2 and one line, before anything heavy is imported.
     """
     if {"--help", "-h"} & set(sys.argv[1:]):
-        print(_help(name, schema))
+        print(_help(name, main, schema))
         return
 
     def enter(config: DictConfig) -> None:
@@ -93,11 +92,11 @@ def _refuse(error: Exception) -> NoReturn:
     sys.exit(2)
 
 
-def _help(name: str, schema: type) -> str:
+def _help(name: str, main: Callable, schema: type) -> str:
     lines = [
         f"python -m benchmark.{name} [setting=value ...]",
         "",
-        *textwrap.wrap(inspect.getdoc(schema), 100),
+        *textwrap.wrap(inspect.getdoc(main), 100),
         "",
     ]
     for key, (text, default) in setting_texts(schema).items():
@@ -108,7 +107,7 @@ def _help(name: str, schema: type) -> str:
 
 def _check_arguments(arguments: list[str], schema: type) -> None:
     """Refuse what is no setting, settings that do not exist, and choices that a group does not have."""
-    known = setting_texts(schema)
+    known, given = setting_texts(schema), set()
     for argument in arguments:
         try:
             override = OverridesParser.create().parse_override(argument)
@@ -121,6 +120,9 @@ def _check_arguments(arguments: list[str], schema: type) -> None:
             close = difflib.get_close_matches(key, known, n=1)
             hint = f" Did you mean {close[0]!r}?" if close else ""
             raise SettingError(f"There is no setting {key!r}.{hint} Settings: {', '.join(known)}.")
+        if key in given:
+            raise SettingError(f"{key} is given twice. Give it once.")
+        given.add(key)
         if _is_group(key) and not override.is_sweep_override():
             choices = _choices(key, schema)
             check_setting(override.value() in choices, key, override.value(), ", ".join(choices))
@@ -128,14 +130,15 @@ def _check_arguments(arguments: list[str], schema: type) -> None:
 
 def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
     """The composed settings as an object of the schema."""
-    values = {PYTHON_NAME.get(str(key), str(key)): value for key, value in config.items()}
     texts = setting_texts(schema)
     try:
+        values = {PYTHON_NAME.get(str(key), str(key)): value for key, value in config.items()}
         return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(schema), values))
     except OmegaConfBaseException as error:
         key = next((name for name, python in PYTHON_NAME.items() if python == error.full_key), error.full_key)
         text = texts.get(str(key), ("",))[0]
-        value = OmegaConf.select(config, str(key))
+        raw = OmegaConf.to_container(config, resolve=False)
+        value = reduce(lambda node, part: node[part], str(key).split("."), raw) if str(key) in texts else ""
         raise SettingError(f"{key}={value} is not allowed. {key}: {text}") from error
 
 

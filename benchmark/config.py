@@ -1,13 +1,18 @@
 """Settings of the benchmark's commands: names, defaults, units and what is allowed."""
 
 import math
+import os
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.command import SettingError, check_setting
 
 if TYPE_CHECKING:
     from richmap.robot import RobotDescription
+
+SOURCE = "xarm6"
+"""The arm that policies are trained on; its base frame is the world frame."""
 
 TASK_ARMS = ("xarm6", "ur3", "ur5", "ur10")
 """The arms that do the block-push task (`envs.arms.ARMS`)."""
@@ -73,11 +78,15 @@ class MapConfig:
     turns: int = 64
     """Angles of joint 1 that each configuration is used at (orbit sampling); 1 or more, 1 for plain sampling."""
     seed: int = 0
-    """Seed of the samples."""
+    """Seed of the samples; a whole number >= 0."""
 
     def __post_init__(self) -> None:
-        for name in ("cell_size", "theta", "half_width"):
-            check_setting(getattr(self, name) > 0, f"map.{name}", getattr(self, name), "a number above 0")
+        half_width = self.half_width
+        check_setting(0 < half_width <= 10, "map.half_width", half_width, "a number above 0 and at most 10")
+        check_setting(0 < self.cell_size <= half_width / 4, "map.cell_size", self.cell_size, "up to half_width / 4")
+        check_setting(0.02 <= self.theta <= 1, "map.theta", self.theta, "a number from 0.02 to 1")
+        check_setting(abs(self.z_offset) <= 10, "map.z_offset", self.z_offset, "a number from -10 to 10")
+        check_setting(self.seed >= 0, "map.seed", self.seed, "a whole number >= 0")
         check_setting(0 < self.stop_rate < 1, "map.stop_rate", self.stop_rate, "a number between 0 and 1")
         for name in ("batch", "turns"):
             check_setting(getattr(self, name) >= 1, f"map.{name}", getattr(self, name), "a whole number >= 1")
@@ -88,16 +97,42 @@ class EnergyConfig:
     """How similarity becomes an energy field; what the paper leaves open."""
 
     step: float = 0.01
-    """Energy per cell of distance from the similar region (the paper's delta), unitless."""
+    """Energy per cell of distance from the similar region (the paper's delta), unitless; from 0 to 1."""
     smoothing: float = 1.0
-    """Standard deviation of the Gaussian filter, in cells."""
+    """Standard deviation of the Gaussian filter, in cells; from 0 to 10."""
     central_radius: float = 0.1
-    """Cells nearer to the base axis than this are never seeds, in m."""
+    """Cells nearer to the base axis than this are never seeds, in m; from 0 to 0.5."""
     empty: str = "unfilled"
     """Cells that not both arms fill: unfilled or seed."""
 
     def __post_init__(self) -> None:
+        for name, most in (("step", 1), ("smoothing", 10), ("central_radius", 0.5)):
+            value = getattr(self, name)
+            check_setting(0 <= value <= most, f"energy.{name}", value, f"a number from 0 to {most}")
         check_setting(self.empty in ("unfilled", "seed"), "energy.empty", self.empty, "unfilled, seed")
+
+
+@dataclass
+class ArmConfig:
+    """Single choices of an arm's setting, where they are not to be the setting's."""
+
+    base: list[float] | None = None
+    """Position of the arm's base in the world (the xArm6's base frame), [x,y,z] in m; null for the setting's."""
+    wrist: str | None = None
+    """Branch of the wrist, out or in; null for the setting's."""
+    self_collision: bool | None = None
+    """Whether links collide with each other, true or false; null for the setting's."""
+    orientation_weight: float | None = None
+    """Weight of orientation against position in the inverse kinematics, in m/rad, above 0; null for the default."""
+
+    def __post_init__(self) -> None:
+        base, weight = self.base, self.orientation_weight
+        if base is not None:
+            near = len(base) == 3 and all(abs(x) <= 1 for x in base)
+            check_setting(near, "arm.base", base, "[x,y,z] in m, each from -1 to 1")
+        check_setting(self.wrist in (None, "out", "in"), "arm.wrist", self.wrist, "out, in, null")
+        if weight is not None:
+            check_setting(0 < weight < math.inf, "arm.orientation_weight", weight, "a number above 0")
 
 
 @dataclass
@@ -112,12 +147,13 @@ class RunConfig:
     episodes: int = 50
     """Number of episodes per lambda; a whole number >= 1."""
     seed: int = 42
-    """Training seed of the policy; picks the checkpoint seed<seed>-1."""
+    """Training seed of the policy, a whole number >= 0; picks the checkpoint seed<seed>-1 that ships, or else the one
+    that benchmark.train left in outputs/checkpoints."""
     setting: str = "embodied"
     """What the arm may do: embodied (joint limits and self-collision bind, wrist branch per arm) or original (neither
     binds, wrist-out, as where only the arm is swapped in the original task)."""
     output_dir: str = "results"
-    """Folder of episodes.parquet."""
+    """Folder that results go to, such as episodes.parquet."""
     device: str = "auto"
     """Where the policy runs: cpu, cuda, or auto (cuda if there is one)."""
     seed_start: int = 100_000
@@ -131,6 +167,7 @@ class RunConfig:
     float results depend on the batch's shape. A whole number >= 1."""
     workers: int = 2
     """Processes that roll out or sample; results do not depend on it. A whole number >= 1."""
+    arm: ArmConfig = field(default_factory=ArmConfig)
     map: MapConfig = field(default_factory=MapConfig)
     energy: EnergyConfig = field(default_factory=EnergyConfig)
 
@@ -140,7 +177,8 @@ class RunConfig:
         check_setting(math.isfinite(scale) and scale >= 0, "lambda", scale, "any number >= 0")
         for name in ("episodes", "slots", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
-        check_setting(self.seed_start >= 0, "seed_start", self.seed_start, "a whole number >= 0")
+        _check_seeds(self.seed_start, self.episodes)
+        _check_folder(self.output_dir)
         check_setting(self.setting in ("embodied", "original"), "setting", self.setting, "embodied, original")
         check_setting(self.device in ("cpu", "cuda", "auto"), "device", self.device, "cpu, cuda, auto")
         check_setting(self.sampler in ("DDIM", "DDPM"), "sampler", self.sampler, "DDIM, DDPM")
@@ -179,12 +217,14 @@ class OracleConfig:
     """Folder of oracle.json."""
     workers: int = 2
     """Processes that roll out; results do not depend on it. A whole number >= 1."""
+    arm: ArmConfig = field(default_factory=ArmConfig)
 
     def __post_init__(self) -> None:
         check_setting(self.robot.name in TASK_ARMS, "robot", self.robot.name, ", ".join(TASK_ARMS))
         for name in ("episodes", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
-        check_setting(self.seed_start >= 0, "seed_start", self.seed_start, "a whole number >= 0")
+        _check_seeds(self.seed_start, self.episodes)
+        _check_folder(self.output_dir)
         check_setting(self.setting in ("embodied", "original"), "setting", self.setting, "embodied, original")
 
 
@@ -216,3 +256,14 @@ class LeaderboardConfig:
 
     output_dir: str = "results"
     """Folder of episodes.parquet, where LEADERBOARD.md is written."""
+
+
+def _check_seeds(first: int, count: int) -> None:
+    """NumPy's legacy generator, which draws the scenes, takes 32-bit seeds."""
+    check_setting(0 <= first <= 2**32 - count, "seed_start", first, "a whole number from 0 to 2^32 - episodes")
+
+
+def _check_folder(folder: str) -> None:
+    existing = next(path for path in [Path(folder), *Path(folder).absolute().parents] if path.exists())
+    usable = existing.is_dir() and os.access(existing, os.W_OK)
+    check_setting(usable, "output_dir", folder, f"a folder that can be written to; {existing} cannot")

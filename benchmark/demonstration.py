@@ -9,12 +9,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 import envs
+from benchmark.config import SOURCE
 from benchmark.disturbance import Disturbance
 from envs.oracle import PLACED, PLANS, Oracle
 from envs.scene import START, Scene, draw_wide_scene
 
-SOURCE = "xarm6"
-"""The arm that policies learn from."""
 ATTEMPTS = 20
 """Tries at a successful episode of one seed before giving up."""
 

@@ -7,7 +7,8 @@ import datasets
 import numpy as np
 from lerobot.datasets import LeRobotDataset
 
-from benchmark.demonstration import SOURCE, Demonstration
+from benchmark.config import SOURCE
+from benchmark.demonstration import Demonstration
 from benchmark.progress import progress_bar
 
 TASK = "Push the two blocks into the two squares, one in each."

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from benchmark.command import run_command
+from benchmark.command import SettingError, run_command
 from benchmark.config import LeaderboardConfig
 from benchmark.statistics import paired_difference, paired_p_value, rate_interval
 
@@ -16,7 +16,7 @@ SCORES = ["score", "p1", "p2", "success_at_end"]
 
 CONDITION = [
     "robot", "setting", "base", "branch", "orientation_weight", "method", "lambda", "sampler", "sampling_steps",
-    "checkpoint", "checkpoint_hash", "field_fingerprint", "cell_size", "batch_shape", "code_version",
+    "checkpoint", "checkpoint_hash", "field_fingerprint", "cell_size", "batch_shape", "device", "code_version",
 ]  # fmt: skip
 """What episodes must share to be counted together."""
 
@@ -111,7 +111,7 @@ def main(config: LeaderboardConfig) -> None:
     folder = Path(config.output_dir)
     episodes = read_episodes(folder)
     if episodes.empty:
-        raise SystemExit(f"error: there is no {folder / 'episodes.parquet'}. Make one: python -m benchmark.run")
+        raise SettingError(f"There is no {folder / 'episodes.parquet'}. Make one: python -m benchmark.run")
     (folder / "LEADERBOARD.md").write_text(markdown(leaderboard(episodes)))
     print(folder / "LEADERBOARD.md")
 

@@ -7,9 +7,14 @@ import json
 import os
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from benchmark.command import run_command
+from benchmark.command import SettingError, run_command
 from benchmark.config import OracleConfig
+
+if TYPE_CHECKING:
+    from envs.arms import ArmSetting
+    from envs.outcome import EpisodeOutcome
 
 
 def main(config: OracleConfig) -> None:
@@ -26,15 +31,20 @@ def main(config: OracleConfig) -> None:
     from benchmark.leaderboard import SCORES, causes_text
     from benchmark.progress import progress_bar
     from benchmark.statistics import rate_interval
+    from envs.arms import arm_setting
     from richmap.worker import start_worker
 
+    try:
+        arm = arm_setting(config.robot.name, config.setting, **vars(config.arm))
+    except ValueError as error:
+        raise SettingError(str(error)) from error
     console = Console()
     seeds = range(config.seed_start, config.seed_start + config.episodes)
     outcomes = []
     executor = ProcessPoolExecutor(config.workers, get_context("spawn"), initializer=start_worker)
     with executor as pool, progress_bar(console) as progress:
         task = progress.add_task(f"Oracle on {config.robot.name}, {config.setting}", total=len(seeds))
-        play = partial(play_episode, config.robot.name, config.setting)
+        play = partial(play_episode, arm)
         for outcome in pool.map(play, seeds, chunksize=5):
             outcomes.append(asdict(outcome))
             progress.advance(task)
@@ -45,14 +55,14 @@ def main(config: OracleConfig) -> None:
         low, high = rate_interval(table[name].to_numpy(dtype=float))
         console.print(f"{name}: {100 * mean:.1f} % [{100 * low:.1f}, {100 * high:.1f}]")
     causes = dict(Counter(cause for cause in table.failure_cause if cause is not None).most_common())
-    tracking = table.tracking_error_max[table.p2].max() if table.p2.any() else float("nan")
-    console.print(
-        f"Mean length {table.length.mean():.1f} steps; tracking error of solved episodes at most {tracking:.4f} m"
-    )
+    solved = table[table.p2]
+    tracking = float(solved.tracking_error_max.max()) if len(solved) else None
+    console.print(f"Mean length {table.length.mean():.1f} steps")
+    if tracking is not None:
+        console.print(f"Tracking error of solved episodes at most {1000 * tracking:.1f} mm")
     console.print(f"Failed episodes by cause: {causes_text(causes)}")
     result = {
-        "robot": config.robot.name,
-        "setting": config.setting,
+        **{key if key != "name" else "setting": value for key, value in asdict(arm).items()},
         "n": len(table),
         "seed_start": config.seed_start,
         "p1": means["p1"],
@@ -60,9 +70,9 @@ def main(config: OracleConfig) -> None:
         "mean_score": means["score"],
         "success_at_end": means["success_at_end"],
         "mean_length": float(table.length.mean()),
-        "mean_length_solved": float(table.length[table.p2].mean()),
+        "mean_length_solved": float(solved.length.mean()) if len(solved) else None,
         "tracking_error_mean": float(table.tracking_error_mean.mean()),
-        "tracking_error_max_solved": float(tracking),
+        "tracking_error_max_solved": tracking,
         "causes": causes,
     }
     file = Path(config.output_dir) / "oracle.json"
@@ -73,22 +83,29 @@ def main(config: OracleConfig) -> None:
     console.print(f"Result: {file}", soft_wrap=True)
 
 
-def play_episode(robot: str, setting: str, seed: int):
-    """Outcome of one episode of the oracle (`envs.outcome.EpisodeOutcome`)."""
+def play_episode(arm: "ArmSetting", seed: int) -> "EpisodeOutcome":
+    """Outcome of one episode of the oracle."""
     from envs.oracle import run_oracle
     from envs.outcome import summarize
 
-    return summarize(run_oracle(_environment(robot, setting), seed))
+    return summarize(run_oracle(_environment(arm), seed))
 
 
 @lru_cache
-def _environment(robot: str, setting: str):
+def _environment(arm: "ArmSetting"):
     """One environment per worker process, kept from episode to episode."""
     import gymnasium
 
     import envs
 
-    return gymnasium.make(envs.ENVIRONMENTS[robot], setting=setting)
+    return gymnasium.make(
+        envs.ENVIRONMENTS[arm.robot],
+        setting=arm.name,
+        base=arm.base,
+        wrist=arm.wrist,
+        self_collision=arm.self_collision,
+        orientation_weight=arm.orientation_weight,
+    )
 
 
 if __name__ == "__main__":

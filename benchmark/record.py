@@ -1,4 +1,4 @@
-"""A GIF of one episode.
+"""GIFs of episodes.
 
 python -m benchmark.record robot=ur3 lambda=0.5 seed_start=100000 output_dir=results/figures
 """
@@ -14,7 +14,7 @@ FRAMES_PER_SECOND = 20
 
 
 def main(config: RunConfig) -> None:
-    """Play the episode with seed `seed_start` and write it to `output_dir`."""
+    """Play episodes from seed `seed_start` on and write each to `output_dir` as a GIF."""
     checkpoint = checkpoint_folder(config.seed)
     import imageio.v3 as imageio
     from rich.console import Console
@@ -23,13 +23,14 @@ def main(config: RunConfig) -> None:
 
     console = Console()
     rollout = make_rollout(config, config.guidance_scale, checkpoint, console)
-    frames = []
-    (episode,) = play(rollout, [config.seed_start], watch=lambda env: frames.append(env.render()[::2, ::2]))
-    scale = f"{config.guidance_scale:g}"
-    file = Path(config.output_dir) / f"{config.robot.name}-{config.setting}-lambda{scale}-{config.seed_start}.gif"
-    file.parent.mkdir(parents=True, exist_ok=True)
-    imageio.imwrite(file, frames[::2], duration=2000 / FRAMES_PER_SECOND, loop=0)
-    console.print(f"{file}: score {episode.outcome.score}, {episode.outcome.length} steps", soft_wrap=True)
+    folder = Path(config.output_dir)
+    folder.mkdir(parents=True, exist_ok=True)
+    for seed in range(config.seed_start, config.seed_start + config.episodes):
+        frames = []
+        (episode,) = play(rollout, [seed], watch=lambda env, frames=frames: frames.append(env.render()[::2, ::2]))
+        file = folder / f"{config.robot.name}-{config.setting}-lambda{config.guidance_scale:g}-{seed}.gif"
+        imageio.imwrite(file, frames[::2], duration=2000 / FRAMES_PER_SECOND, loop=0)
+        console.print(f"{file}: score {episode.outcome.score}, {episode.outcome.length} steps", soft_wrap=True)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 """The episodes table: one row per rollout, stored as Parquet, from which everything else is derived."""
 
 import os
-import tempfile
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -12,9 +11,12 @@ from envs.outcome import EpisodeOutcome
 
 IDENTITY = [
     "robot", "setting", "base", "branch", "self_collision", "joint_limits", "orientation_weight", "method", "lambda",
-    "sampler", "sampling_steps", "checkpoint_hash", "field_fingerprint", "batch_shape", "slot", "episode_seed",
+    "sampler", "sampling_steps", "checkpoint_hash", "field_fingerprint", "batch_shape", "slot", "device", "episode_seed",
 ]  # fmt: skip
 """Columns that say which episode a row is: a row replaces an older one that agrees in all of them."""
+
+OPTIONAL = {"first_block": "Int64", "first_target": "string", "first_entry_s": "Float64", "failure_cause": "string"}
+"""Types of the columns that may hold nothing."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,8 @@ class Condition:
     """Edge of the maps' cells, in [m]; NaN without guidance."""
     batch_shape: int
     """Rows of the batch in which the policy was evaluated."""
+    device: str
+    """Where the policy ran, cpu or cuda."""
     code_version: str
     """SHA-256 of the code that decides an episode, first 12 digits."""
     commit: str
@@ -83,11 +87,10 @@ def store_episodes(output_dir: Path, episodes: list[Episode]) -> None:
     """Add episodes to the table, atomically; one that is there already is replaced, never doubled."""
     output_dir.mkdir(parents=True, exist_ok=True)
     with FileLock(output_dir / ".episodes.lock"):
-        rows = pd.DataFrame([episode.row() for episode in episodes])
+        rows = pd.DataFrame([episode.row() for episode in episodes]).astype(OPTIONAL)
         table = pd.concat([read_episodes(output_dir), rows], ignore_index=True)
         table = table.drop_duplicates(IDENTITY, keep="last", ignore_index=True)
-        with tempfile.NamedTemporaryFile(dir=output_dir, suffix=".tmp", delete=False) as file:
-            temporary = Path(file.name)
+        temporary = output_dir / f".episodes.{os.getpid()}.tmp"
         try:
             table.to_parquet(temporary, index=False)
             os.replace(temporary, output_dir / "episodes.parquet")

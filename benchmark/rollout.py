@@ -16,8 +16,8 @@ import gymnasium
 import numpy as np
 
 import envs
+from benchmark.cache import package_versions
 from benchmark.results import Condition, Episode
-from envs.arms import arm_setting
 from envs.outcome import summarize
 from richmap.worker import start_worker
 
@@ -35,8 +35,6 @@ class Rollout:
     checkpoint: Path
     field: Path | None
     """Energy field; None without guidance."""
-    device: str
-    """cpu or cuda."""
 
 
 def roll_out(rollout: Rollout, seeds: Iterable[int], workers: int) -> Iterator[list[Episode]]:
@@ -56,8 +54,9 @@ def roll_out(rollout: Rollout, seeds: Iterable[int], workers: int) -> Iterator[l
 
 
 def code_version() -> str:
-    """SHA-256, first 12 digits, over the code and the collision geometry that decide an episode."""
+    """SHA-256, first 12 digits, over the code, collision geometry and packages that decide an episode."""
     digest = hashlib.sha256(Path(__file__).read_bytes())
+    digest.update(package_versions("mujoco", "robosuite", "numpy", "torch", "lerobot", "diffusers").encode())
     for package in ("richmap", "envs", "policies"):
         for file in sorted((ROOT / package).rglob("*")):
             if file.suffix in (".py", ".safetensors"):
@@ -106,9 +105,9 @@ def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], No
     while active:
         noise = episode_noise([seed_of.get(slot, 0) for slot in range(shape)], step, policy.noise_shape)
         batch = {"observation.state": state, "observation.environment_state": environment}
-        batch = {key: torch.tensor(value, device=rollout.device) for key, value in batch.items()}
+        batch = {key: torch.tensor(value, device=rollout.condition.device) for key, value in batch.items()}
         with torch.inference_mode():
-            actions = policy.select_action(batch, noise=noise.to(rollout.device)).cpu().numpy()
+            actions = policy.select_action(batch, noise=noise.to(rollout.condition.device)).cpu().numpy()
         over = set()
         for slot in active:
             observation, _, terminated, truncated, info = environments[slot].step(actions[slot])
@@ -126,14 +125,14 @@ def _policy(rollout: Rollout) -> "GuidedPushPolicy":
     import policies.modeling_guided_push as modeling
 
     config = PreTrainedConfig.from_pretrained(rollout.checkpoint)
-    config.device = rollout.device
+    config.device = rollout.condition.device
     config.guidance_scale = rollout.condition.guidance_scale
     config.energy_field = None if rollout.field is None else str(rollout.field)
     config.noise_scheduler_type = rollout.condition.sampler
     config.num_inference_steps = rollout.condition.sampling_steps
     with redirect_stdout(StringIO()):  # LeRobot says that it loads weights.
         policy = modeling.GuidedPushPolicy.from_pretrained(rollout.checkpoint, config=config)
-    return policy.to(rollout.device).eval()
+    return policy.to(rollout.condition.device).eval()
 
 
 @lru_cache(maxsize=64)
@@ -142,20 +141,10 @@ def _environment(condition: Condition, slot: int, render: bool) -> gymnasium.Env
     return gymnasium.make(
         envs.ENVIRONMENTS[condition.robot],
         setting=condition.setting,
+        base=tuple(map(float, condition.base.split())),
+        wrist=condition.branch,
+        self_collision=condition.self_collision,
+        orientation_weight=condition.orientation_weight,
         obs_type="environment_state_agent_pos",
         render_mode="rgb_array" if render else None,
     )
-
-
-def condition_of_arm(robot: str, setting: str) -> dict[str, object]:
-    """The arm's share of a `Condition`."""
-    arm = arm_setting(robot, setting)
-    return {
-        "robot": robot,
-        "setting": setting,
-        "base": " ".join(f"{x:g}" for x in arm.base),
-        "branch": arm.wrist,
-        "self_collision": arm.self_collision,
-        "joint_limits": arm.joint_limits,
-        "orientation_weight": arm.orientation_weight,
-    }

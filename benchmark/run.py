@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
     from benchmark.rollout import Rollout
 
-CHECKPOINTS = Path(__file__).parents[1] / "results" / "checkpoints"
+CHECKPOINTS = [Path(__file__).parents[1] / "results" / "checkpoints", Path("outputs") / "checkpoints"]
+"""Where checkpoints are looked for: those that ship, and those that `benchmark.train` makes."""
 
 
 def main(config: RunConfig) -> None:
@@ -37,13 +38,17 @@ def checkpoint_folder(seed: int) -> Path:
     Raises:
         SettingError: If there is none.
     """
-    folder = CHECKPOINTS / f"seed{seed}-1"
-    if not folder.exists():
-        there = ", ".join(sorted(f.name.removeprefix("seed").split("-")[0] for f in CHECKPOINTS.glob("seed*-1")))
-        raise SettingError(
-            f"seed={seed} has no checkpoint. Trained seeds: {there}. Train it: python -m benchmark.train seed={seed}"
-        )
-    return folder
+    folders = [root / f"seed{seed}-1" for root in CHECKPOINTS]
+    for folder in folders:
+        if (folder / "model.safetensors").exists():
+            return folder
+    trained = {
+        path.name.removeprefix("seed").removesuffix("-1") for root in CHECKPOINTS for path in root.glob("seed*-1")
+    }
+    raise SettingError(
+        f"seed={seed} has no checkpoint. Trained seeds: {', '.join(sorted(trained))}. "
+        f"Train it: python -m benchmark.train seed={seed}"
+    )
 
 
 def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Console") -> "Rollout":
@@ -55,13 +60,31 @@ def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Co
 
     from benchmark.build_maps import energy_field
     from benchmark.results import Condition
-    from benchmark.rollout import Rollout, code_version, commit, condition_of_arm
+    from benchmark.rollout import Rollout, code_version, commit
+    from envs.arms import arm_setting
+
+    device = config.device
+    if device == "auto":
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+    if device == "cuda" and not torch.cuda.is_available():
+        raise SettingError("device=cuda is not available: PyTorch finds no GPU here. Use device=cpu or device=auto.")
+    try:
+        arm = arm_setting(config.robot.name, config.setting, **vars(config.arm))
+    except ValueError as error:
+        raise SettingError(str(error)) from error
 
     field, field_path = None, None
     if scale > 0:
-        field, field_path = energy_field(config.robot.load(), config.map, config.energy, config.workers, console)
+        robot = config.robot.load()
+        field, field_path = energy_field(robot, arm.base, config.map, config.energy, config.workers, console)
     condition = Condition(
-        **condition_of_arm(config.robot.name, config.setting),
+        robot=arm.robot,
+        setting=arm.name,
+        base=" ".join(f"{x:g}" for x in arm.base),
+        branch=arm.wrist,
+        self_collision=arm.self_collision,
+        joint_limits=arm.joint_limits,
+        orientation_weight=arm.orientation_weight,
         method="paper" if scale > 0 else "direct",
         guidance_scale=scale,
         sampler=config.sampler,
@@ -72,13 +95,11 @@ def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Co
         field_fingerprint=field.about["fingerprint"] if field else "",
         cell_size=config.map.cell_size if field else math.nan,
         batch_shape=config.slots,
+        device=device,
         code_version=code_version(),
         commit=commit(),
     )
-    device = config.device
-    if device == "auto":
-        device = "cuda" if torch.cuda.is_available() else "cpu"
-    return Rollout(condition, checkpoint, field_path, device)
+    return Rollout(condition, checkpoint, field_path)
 
 
 def run_and_store(rollout: "Rollout", config: RunConfig, console: "Console") -> "pd.DataFrame":

@@ -203,6 +203,7 @@ class BlockPushEnv(gymnasium.Env):
             "base": np.array(self.arm.base),
             "tracking_error": float(np.linalg.norm(flange[:2] - self._command)),
             "ik_residual": self._posture.residual,
+            "joint_limits": self.arm.joint_limits,
             "joint_limit_margin": float(np.minimum(joints - self._lower, self._upper - joints).min()),
             "self_contact": simulation.links_touch,
             "tool_tilt": simulation.tool_tilt,

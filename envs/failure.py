@@ -81,14 +81,14 @@ def _events(record: dict[str, np.ndarray], workspace: Float[np.ndarray, "2 2"]) 
 def _cause_of_loss(record: dict[str, np.ndarray], lost: slice) -> str:
     """What keeps the arm from its command in these steps.
 
-    Links in contact: self-collision. A joint at its limit: that. Inverse kinematics that misses its point:
+    Links in contact: self-collision. A joint at a limit that binds: that. Inverse kinematics that misses its point:
     outer reach if the flange is short of it, seen from the base, the fold if it is beyond it, and a stuck
     branch if it is beside it. Otherwise joints are where they should be and something outside the arm holds
     it.
     """
     if record["self_contact"][lost].mean() > 0.5:
         return "self_collision"
-    if (np.abs(record["joint_limit_margin"][lost]) < AT_LIMIT).mean() > 0.5:
+    if (record["joint_limits"][lost] & (np.abs(record["joint_limit_margin"][lost]) < AT_LIMIT)).mean() > 0.5:
         return "joint_limit"
     if np.median(record["ik_residual"][lost]) < 0.5 * np.median(record["tracking_error"][lost]):
         return "arm_blocked"

@@ -1,1 +1,1 @@
-"""."""
+"""Reachability maps, their similarity, and the energy field made from it."""

@@ -81,7 +81,7 @@ def build_map(
                     reached.independent_rate,
                 )
             )
-        pool.shutdown(wait=False, cancel_futures=True)
+        pool.shutdown(cancel_futures=True)
     return ReachabilityMap.from_rows(grid, *inserter.stored(), reached)
 
 

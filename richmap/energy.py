@@ -63,9 +63,7 @@ class EnergyField:
         Raises:
             ValueError: If a point lies outside the cells' centres.
         """
-        half = self.grid.cell_size / 2
-        lower = np.array(self.grid.origin) + half
-        upper = np.array(self.grid.origin) + self.grid.cell_size * np.array(self.grid.shape) - half
+        lower, upper = (np.array([axis[end] for axis in self.grid.axes()]) for end in (0, -1))
         outside = ~((points >= lower) & (points <= upper)).all(1)
         if outside.any():
             raise ValueError(f"{points[outside][0]} m is outside the energy field, from {lower} to {upper} m.")
@@ -75,8 +73,7 @@ class EnergyField:
     @cached_property
     def _spline(self) -> NdBSpline:
         knots, coefficients = [], self.values
-        for axis, (origin, cells) in enumerate(zip(self.grid.origin, self.grid.shape, strict=True)):
-            centres = origin + self.grid.cell_size * (np.arange(cells) + 0.5)
+        for axis, centres in enumerate(self.grid.axes()):
             spline = make_interp_spline(centres, coefficients, k=3, axis=axis)
             knots.append(spline.t)
             coefficients = np.moveaxis(spline.c, 0, axis)

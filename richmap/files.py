@@ -1,7 +1,6 @@
 """Safetensors files that are written atomically and carry what they are; half-written or foreign ones are refused."""
 
 import os
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +15,11 @@ class FileRefusedError(ValueError):
 def save_arrays(path: Path, kind: str, version: int, arrays: dict[str, np.ndarray], about: dict[str, str]) -> None:
     """Write arrays and texts to one file that appears whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=path.name, suffix=".tmp", delete=False) as file:
-        temporary = Path(file.name)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         metadata = {"kind": kind, "version": str(version), **about}
         safetensors.numpy.save_file({k: np.ascontiguousarray(v) for k, v in arrays.items()}, temporary, metadata)
+        temporary.chmod(0o644)  # safetensors lets only the owner read.
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)

@@ -47,8 +47,11 @@ class Grid:
 
     def centres(self) -> Float[np.ndarray, "n 3"]:
         """Centres of all cells in flat order, in [m]."""
-        axes = [o + self.cell_size * (np.arange(n) + 0.5) for o, n in zip(self.origin, self.shape, strict=True)]
-        return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+        return np.stack(np.meshgrid(*self.axes(), indexing="ij"), -1).reshape(-1, 3)
+
+    def axes(self) -> list[Float[np.ndarray, " n"]]:
+        """Coordinates of the cells' centres along x, y and z, in [m]."""
+        return [o + self.cell_size * (np.arange(n) + 0.5) for o, n in zip(self.origin, self.shape, strict=True)]
 
     def moved(self, offset: Float[np.ndarray, " 3"]) -> "Grid":
         """The same cells seen from a frame at `offset`, in [m]: cells of two robots then coincide in the world."""

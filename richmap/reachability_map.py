@@ -11,7 +11,7 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from richmap.files import load_arrays, save_arrays
+from richmap.files import FileRefusedError, load_arrays, save_arrays
 from richmap.grid import Grid
 
 KIND, VERSION = "richmap.ReachabilityMap", 1
@@ -129,14 +129,19 @@ class ReachabilityMap:
         """Read a map.
 
         Raises:
-            FileRefusedError: If the file is cut short, is no map, or has another version.
+            FileRefusedError: If the file is cut short or damaged, is no map, or has another version.
         """
         arrays, about = load_arrays(path, KIND, VERSION)
-        return cls(
+        grid, construction = (
             Grid.from_dict(json.loads(about["grid"])),
-            construction=Construction(**json.loads(about["construction"])),
-            **arrays,
+            Construction(**json.loads(about["construction"])),
         )
+        robot_map = cls(grid, construction=construction, **arrays)
+        if robot_map.content_hash != about["content_hash"]:
+            raise FileRefusedError(
+                f"{path} is damaged: its content does not have the hash that it names. Build it anew."
+            )
+        return robot_map
 
 
 @numba.njit(cache=True, parallel=True, nogil=True)

@@ -7,6 +7,7 @@ from benchmark.build_maps import energy_field
 from benchmark.config import EnergyConfig, MapConfig
 from richmap.robots import load_robot
 
+COMMON_BASE = (0.0, 0.0, 0.0)
 COARSE = MapConfig(cell_size=0.2, theta=0.3, batch=200, turns=16, stop_rate=0.2)
 
 
@@ -22,21 +23,31 @@ def files(cache):
 
 def test_maps_and_field_are_built_once_and_anew_for_other_settings(cache):
     console = Console(quiet=True)
-    field, path = energy_field(load_robot("ur3"), COARSE, EnergyConfig(), 1, console)
+    field, path = energy_field(load_robot("ur3"), COMMON_BASE, COARSE, EnergyConfig(), 1, console)
     first = files(cache)
     assert len(first) == 3 and path in first
     before = {file: file.stat().st_mtime_ns for file in first}
 
-    again, same_path = energy_field(load_robot("ur3"), COARSE, EnergyConfig(), 1, console)
+    again, same_path = energy_field(load_robot("ur3"), COMMON_BASE, COARSE, EnergyConfig(), 1, console)
     assert same_path == path and (again.values == field.values).all()
     assert {file: file.stat().st_mtime_ns for file in first} == before
 
-    _, other_path = energy_field(load_robot("ur3"), COARSE, EnergyConfig(step=0.02), 1, console)
+    _, other_path = energy_field(load_robot("ur3"), COMMON_BASE, COARSE, EnergyConfig(step=0.02), 1, console)
     assert len(files(cache) - first) == 1 and other_path != path
     other_maps = dataclasses.replace(COARSE, seed=1)
-    energy_field(load_robot("ur3"), other_maps, EnergyConfig(), 1, console)
+    energy_field(load_robot("ur3"), COMMON_BASE, other_maps, EnergyConfig(), 1, console)
     assert len(files(cache)) == 7
 
     path.write_bytes(path.read_bytes()[:100])  # cut short
-    mended, _ = energy_field(load_robot("ur3"), COARSE, EnergyConfig(), 1, console)
+    mended, _ = energy_field(load_robot("ur3"), COMMON_BASE, COARSE, EnergyConfig(), 1, console)
     assert (mended.values == field.values).all()
+
+
+def test_a_moved_base_moves_the_field_with_the_arm(cache):
+    console = Console(quiet=True)
+    base = (0.2, 0.0, 0.0)
+    common, _ = energy_field(load_robot("ur3"), COMMON_BASE, COARSE, EnergyConfig(), 1, console)
+    moved, _ = energy_field(load_robot("ur3"), base, COARSE, EnergyConfig(), 1, console)
+    assert moved.grid == common.grid  # both in the world frame
+    assert (moved.values != common.values).any()
+    assert len(files(cache)) == 5

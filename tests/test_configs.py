@@ -15,6 +15,7 @@ from benchmark.train import TrainConfig
 
 SCHEMAS = {
     "run": RunConfig,
+    "record": RunConfig,
     "build_maps": BuildMapsConfig,
     "oracle": OracleConfig,
     "leaderboard": LeaderboardConfig,

@@ -24,6 +24,7 @@ def episode(length=350, **changes):
         "base": np.zeros(3),
         "tracking_error": 0.002,
         "ik_residual": 0.0,
+        "joint_limits": True,
         "joint_limit_margin": 1.0,
         "self_contact": False,
         "tool_tilt": 0.0,

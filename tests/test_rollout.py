@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from benchmark.config import RobotConfig, RunConfig
+from benchmark.config import ArmConfig, RobotConfig, RunConfig
 from benchmark.results import read_episodes
 from benchmark.rollout import play
 from benchmark.run import checkpoint_folder, make_rollout
@@ -78,3 +78,21 @@ def test_other_settings_make_another_condition(rollout):
     original = make_rollout(dataclasses.replace(CONFIG, setting="original"), 0.0, checkpoint_folder(42), Console())
     assert original.condition.setting == "original" and not original.condition.self_collision
     assert original.condition != rollout.condition
+
+
+def test_single_choices_of_the_arm_reach_the_environment_and_the_row():
+    config = dataclasses.replace(
+        CONFIG, robot=RobotConfig("ur3"), arm=ArmConfig(base=[0.06, 0.0, 0.0], self_collision=False)
+    )
+    rollout = make_rollout(config, 0.0, checkpoint_folder(42), Console())
+    bases = set()
+    (episode,) = play(rollout, [50_000], watch=lambda env: bases.add(env.unwrapped.arm.base))
+    assert bases == {(0.06, 0.0, 0.0)}
+    row = episode.row()
+    assert row["base"] == "0.06 0 0" and not row["self_collision"] and row["branch"] == "out"
+
+
+def test_an_impossible_arm_is_refused():
+    config = dataclasses.replace(CONFIG, robot=RobotConfig("ur3"), arm=ArmConfig(base=[-0.9, 0.0, 0.0]))
+    with pytest.raises(ValueError, match="hold the tool"):
+        play(make_rollout(config, 0.0, checkpoint_folder(42), Console()), [50_000])
