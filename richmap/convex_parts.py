@@ -34,7 +34,10 @@ def load_convex_parts(robot: RobotDescription) -> ConvexParts:
     file = FOLDER / f"{robot.name}.safetensors"
     how = f"python -m richmap.convex_parts {robot.name}"
     if not file.exists():
-        raise ValueError(f"No convex parts for {robot.name!r} in {FOLDER}. Make them: {how}")
+        raise ValueError(
+            f"No convex parts for {robot.name!r} in {FOLDER}. Make them: {how}; for an arm of your own: "
+            "arm_spec(robot, parts=fit_convex_parts(robot))."
+        )
     arrays, about = load_arrays(file, KIND, VERSION)
     if about["robot_fingerprint"] != robot.fingerprint:
         raise FileRefusedError(

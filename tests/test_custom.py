@@ -113,6 +113,11 @@ def test_every_stage_reads_the_same_arm(file):
     assert (np.array(hits) == self_collision(robot)(joints)).mean() > 0.98
 
 
+def test_without_convex_parts_the_simulator_says_how_to_make_them(file):
+    with pytest.raises(ValueError, match=r"No convex parts for 'custom-arm'.*arm_spec\(robot, parts=fit_convex_parts"):
+        arm_spec(custom_robot(file, "base", "flange"))
+
+
 def test_a_shipped_arm_read_as_a_custom_one_is_the_same_arm(tmp_path):
     known = load_robot("panda")
     file = tmp_path / "panda.urdf"
