@@ -16,6 +16,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from benchmark.command import SettingError, check_setting, run_command
+from benchmark.config import check_folder, check_seeds
 
 
 @dataclass
@@ -40,6 +41,8 @@ class CollectConfig:
     def __post_init__(self) -> None:
         for name in ("episodes", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_seeds(self.seed_start, self.episodes)
+        check_folder(self.output_dir)
         shares = ("share_noise", "share_bursts", "share_wide")
         for name in shares:
             check_setting(0 <= getattr(self, name) <= 1, name, getattr(self, name), "a number from 0 to 1")
@@ -62,7 +65,7 @@ def collect(config: CollectConfig) -> Path:
 
     root = Path(config.output_dir)
     if root.exists():
-        _check_recipe(root, config)
+        _check_demonstrations(root, config, code_version())
         return root
     about = {"recipe": config.recipe, "code": code_version()}
     chunks = root.parent / f".{root.name}-{digest(about)}"
@@ -78,9 +81,15 @@ def digest(values: Mapping[str, object]) -> str:
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:12]
 
 
-def _check_recipe(root: Path, config: CollectConfig) -> None:
-    recipe = json.loads((root / "meta" / "collect.json").read_text())["recipe"]
-    different = {key: recipe.get(key) for key, value in config.recipe.items() if recipe.get(key) != value}
+def _check_demonstrations(root: Path, config: CollectConfig, code: str) -> None:
+    """Refuse demonstrations that these settings or this version of the code would not make."""
+    file = root / "meta" / "collect.json"
+    if not file.exists():
+        raise SettingError(f"output_dir={root} is there and holds no demonstrations. Choose another folder.")
+    about = json.loads(file.read_text())
+    asked = {**config.recipe, "code": code}
+    made = {**about["recipe"], "code": about.get("code")}
+    different = {key: made.get(key) for key, value in asked.items() if made.get(key) != value}
     if different:
         raise SettingError(
             f"{root} holds demonstrations made otherwise ({different}). Delete the folder or choose another output_dir."

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import MISSING, fields, is_dataclass
 from functools import reduce
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, get_origin
 
 import hydra
 from hydra.core.config_store import ConfigStore
@@ -73,6 +73,8 @@ def setting_texts(schema: type, prefix: str = "") -> dict[str, tuple[str, Any]]:
     typed_as = {python: name for name, python in PYTHON_NAME.items()}
     settings = {}
     for field in fields(schema):
+        if get_origin(field.type) is dict:  # Only for callers from Python.
+            continue
         name = prefix + typed_as.get(field.name, field.name)
         if not is_dataclass(field.type):
             default = field.default if field.default_factory is MISSING else field.default_factory()

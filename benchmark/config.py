@@ -177,8 +177,11 @@ class RunConfig:
         check_setting(math.isfinite(scale) and scale >= 0, "lambda", scale, "any number >= 0")
         for name in ("episodes", "slots", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
-        _check_seeds(self.seed_start, self.episodes)
-        _check_folder(self.output_dir)
+        check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
+        covered = scale == 0 or self.map.half_width >= 0.8
+        check_setting(covered, "map.half_width", self.map.half_width, "0.8 or more, so that the field covers the table")
+        check_seeds(self.seed_start, self.episodes)
+        check_folder(self.output_dir)
         check_setting(self.setting in ("embodied", "original"), "setting", self.setting, "embodied, original")
         check_setting(self.device in ("cpu", "cuda", "auto"), "device", self.device, "cpu, cuda, auto")
         check_setting(self.sampler in ("DDIM", "DDPM"), "sampler", self.sampler, "DDIM, DDPM")
@@ -223,8 +226,8 @@ class OracleConfig:
         check_setting(self.robot.name in TASK_ARMS, "robot", self.robot.name, ", ".join(TASK_ARMS))
         for name in ("episodes", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
-        _check_seeds(self.seed_start, self.episodes)
-        _check_folder(self.output_dir)
+        check_seeds(self.seed_start, self.episodes)
+        check_folder(self.output_dir)
         check_setting(self.setting in ("embodied", "original"), "setting", self.setting, "embodied, original")
 
 
@@ -258,12 +261,13 @@ class LeaderboardConfig:
     """Folder of episodes.parquet, where LEADERBOARD.md is written."""
 
 
-def _check_seeds(first: int, count: int) -> None:
+def check_seeds(first: int, count: int) -> None:
     """NumPy's legacy generator, which draws the scenes, takes 32-bit seeds."""
     check_setting(0 <= first <= 2**32 - count, "seed_start", first, "a whole number from 0 to 2^32 - episodes")
 
 
-def _check_folder(folder: str) -> None:
+def check_folder(folder: str) -> None:
+    """Raise `SettingError` unless the folder, or the one to make it in, can be written to."""
     existing = next(path for path in [Path(folder), *Path(folder).absolute().parents] if path.exists())
     usable = existing.is_dir() and os.access(existing, os.W_OK)
     check_setting(usable, "output_dir", folder, f"a folder that can be written to; {existing} cannot")

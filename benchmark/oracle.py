@@ -9,7 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.command import SettingError, run_command
+from benchmark.command import run_command
 from benchmark.config import OracleConfig
 
 if TYPE_CHECKING:
@@ -28,16 +28,13 @@ def main(config: OracleConfig) -> None:
     import pandas as pd
     from rich.console import Console
 
+    from benchmark.arm import chosen_arm
     from benchmark.leaderboard import SCORES, causes_text
     from benchmark.progress import progress_bar
     from benchmark.statistics import rate_interval
-    from envs.arms import arm_setting
     from richmap.worker import start_worker
 
-    try:
-        arm = arm_setting(config.robot.name, config.setting, **vars(config.arm))
-    except ValueError as error:
-        raise SettingError(str(error)) from error
+    arm = chosen_arm(config)
     console = Console()
     seeds = range(config.seed_start, config.seed_start + config.episodes)
     outcomes = []

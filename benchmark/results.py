@@ -6,12 +6,15 @@ from pathlib import Path
 
 import pandas as pd
 from filelock import FileLock
+from pyarrow import ArrowInvalid
 
+from benchmark.command import SettingError
 from envs.outcome import EpisodeOutcome
 
 IDENTITY = [
     "robot", "setting", "base", "branch", "self_collision", "joint_limits", "orientation_weight", "method", "lambda",
-    "sampler", "sampling_steps", "checkpoint_hash", "field_fingerprint", "batch_shape", "slot", "device", "episode_seed",
+    "sampler", "sampling_steps", "checkpoint_hash", "field_fingerprint", "batch_shape", "slot", "device",
+    "episode_seed",
 ]  # fmt: skip
 """Columns that say which episode a row is: a row replaces an older one that agrees in all of them."""
 
@@ -80,7 +83,10 @@ class Episode:
 def read_episodes(output_dir: Path) -> pd.DataFrame:
     """All stored episodes; an empty table with no columns if there are none."""
     file = output_dir / "episodes.parquet"
-    return pd.read_parquet(file) if file.exists() else pd.DataFrame()
+    try:
+        return pd.read_parquet(file) if file.exists() else pd.DataFrame()
+    except ArrowInvalid as error:
+        raise SettingError(f"{file} is no whole Parquet file ({error}). Move it away and run again.") from error
 
 
 def store_episodes(output_dir: Path, episodes: list[Episode]) -> None:

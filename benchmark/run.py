@@ -58,21 +58,17 @@ def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Co
 
     import torch
 
+    from benchmark.arm import chosen_arm
     from benchmark.build_maps import energy_field
     from benchmark.results import Condition
     from benchmark.rollout import Rollout, code_version, commit
-    from envs.arms import arm_setting
 
     device = config.device
     if device == "auto":
         device = "cuda" if torch.cuda.is_available() else "cpu"
     if device == "cuda" and not torch.cuda.is_available():
         raise SettingError("device=cuda is not available: PyTorch finds no GPU here. Use device=cpu or device=auto.")
-    try:
-        arm = arm_setting(config.robot.name, config.setting, **vars(config.arm))
-    except ValueError as error:
-        raise SettingError(str(error)) from error
-
+    arm = chosen_arm(config)
     field, field_path = None, None
     if scale > 0:
         robot = config.robot.load()

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from benchmark.collect import CollectConfig, collect, digest
 from benchmark.command import SettingError, check_setting, run_command
+from benchmark.config import check_folder
 
 if TYPE_CHECKING:
     from accelerate import Accelerator
@@ -49,6 +50,8 @@ class TrainConfig:
     """Folder in which the checkpoint gets a folder named after the seed."""
 
     def __post_init__(self) -> None:
+        check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
+        check_folder(self.output_dir)
         choices = {"precision": ("bfloat16", "float32"), "device": ("cpu", "cuda")}
         for name, allowed in choices.items():
             check_setting(getattr(self, name) in allowed, name, getattr(self, name), ", ".join(allowed))
@@ -164,6 +167,7 @@ def _publish(
 ) -> None:
     """Puts the policy of a state where checkpoints belong, with its card, in one atomic move."""
     from benchmark.model_card import write_model_card
+    from benchmark.rollout import code_version, commit
 
     partial = config.checkpoint.with_name(f".{config.checkpoint.name}.tmp")
     shutil.rmtree(partial, ignore_errors=True)
@@ -179,6 +183,8 @@ def _publish(
         "sampling_steps": policy.num_inference_steps,
         "training_levels": policy.num_train_timesteps,
         "prediction": policy.prediction_type,
+        "code": code_version(),
+        "commit": commit(),
     }
     values = asdict(config)
     write_model_card(partial, config.checkpoint.name, {**facts, **values}, values)

@@ -71,6 +71,6 @@ class GuidedPushPolicy(DiffusionPolicy):
 
 
 def _flange(state: Float[Tensor, "b t 4"]) -> Float[Tensor, "b 3"]:
-    """Measured flange position of the current observation, world frame, in [m]; its height is not observed, so nominal."""
+    """Measured flange position of the current observation, world frame, in [m]; the nominal height."""
     xy = state[:, -1, :2]
     return torch.cat([xy, xy.new_full((len(xy), 1), FLANGE_HEIGHT)], dim=1)

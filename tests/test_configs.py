@@ -21,7 +21,6 @@ SCHEMAS = {
     "leaderboard": LeaderboardConfig,
     "collect": CollectConfig,
     "train": TrainConfig,
-    "record": RunConfig,
     "self_collision": SelfCollisionConfig,
 }
 

@@ -13,8 +13,8 @@ from envs.outcome import EpisodeOutcome
 CONDITION = Condition(
     robot="ur3", setting="embodied", base="0 0 0", branch="out", self_collision=True, joint_limits=True,
     orientation_weight=1.0, method="direct", guidance_scale=0.0, sampler="DDIM", sampling_steps=10, training_seed=42,
-    checkpoint="seed42-1", checkpoint_hash="abc", field_fingerprint="", cell_size=float("nan"), batch_shape=10, device="cpu",
-    code_version="v1", commit="c1",
+    checkpoint="seed42-1", checkpoint_hash="abc", field_fingerprint="", cell_size=float("nan"), batch_shape=10,
+    device="cpu", code_version="v1", commit="c1",
 )  # fmt: skip
 
 
