@@ -86,3 +86,14 @@ def test_packing_keeps_every_episode():
 def test_impossible_settings_are_refused(fields):
     with pytest.raises(ValueError, match="is not allowed. Allowed"):
         CollectConfig(**fields)
+
+
+def test_demonstrations_of_other_code_are_refused(root, config):
+    file = root / "meta" / "collect.json"
+    about = json.loads(file.read_text())
+    file.write_text(json.dumps({**about, "code": "older"}))
+    try:
+        with pytest.raises(SettingError, match="made otherwise .*'code': 'older'"):
+            collect(config)
+    finally:
+        file.write_text(json.dumps(about))

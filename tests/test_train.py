@@ -16,6 +16,7 @@ from benchmark.command import SettingError
 from benchmark.demonstration import Demonstration
 from benchmark.demonstration_dataset import write_dataset
 from benchmark.demonstration_tensors import DemonstrationTensors, load_demonstrations
+from benchmark.rollout import code_version
 from benchmark.train import TrainConfig, train
 from policies.configuration_guided_push import GuidedPushConfig
 from policies.modeling_guided_push import GuidedPushPolicy
@@ -35,7 +36,7 @@ def root(tmp_path_factory):
 
     root = tmp_path_factory.mktemp("demonstrations") / "synthetic"
     write_dataset([episode(0, 8), episode(1, 5)], root, 2)
-    (root / "meta" / "collect.json").write_text(json.dumps({"recipe": CollectConfig().recipe}))
+    (root / "meta" / "collect.json").write_text(json.dumps({"recipe": CollectConfig().recipe, "code": code_version()}))
     return root
 
 
