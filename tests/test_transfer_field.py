@@ -48,7 +48,7 @@ def test_the_radial_slope_is_that_of_an_independent_implementation(field, radius
     points, outward = ring(radius)
     _, gradient = field.value_and_gradient(points)
     expected = RADIAL_SLOPE[radius]
-    assert abs((gradient * outward).sum(1).mean() - expected) < 0.015 + 0.25 * abs(expected)
+    assert abs((gradient * outward).sum(1).mean() - expected) < min(0.035, 0.015 + 0.25 * abs(expected))
 
 
 def test_the_field_is_radial_because_the_arms_turn_about_the_vertical(field):
