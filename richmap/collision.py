@@ -10,6 +10,7 @@ import pinocchio
 import trimesh
 from jaxtyping import Bool, Float, Int
 
+from richmap.kinematics import z_to_axis
 from richmap.robot import RobotDescription
 
 PERMANENT_CONTACT = 0.99
@@ -118,7 +119,7 @@ class SelfCollision:
         if not base:
             self._envelope = self._core = self._protrusions = _with_pairs(self._geometry, [])
             return
-        axis = self._model.jointPlacements[1] * _turned_to_z(self._model.joints[1])
+        axis = self._model.jointPlacements[1] * z_to_axis(self._model.joints[1])
         frame = {link: self._model.frames[self._model.getFrameId(link)].placement for link in base}
         parts = []
         for link in sorted(base):
@@ -182,13 +183,6 @@ def _with_pairs(geometry: pinocchio.GeometryModel, pairs: list[tuple[int, int]])
     for pair in pairs:
         geometry.addCollisionPair(pinocchio.CollisionPair(*pair))
     return geometry
-
-
-def _turned_to_z(joint: pinocchio.JointModel) -> pinocchio.SE3:
-    """From a frame whose z axis is the joint's axis to the joint's own frame."""
-    data = joint.createData()
-    joint.calc(data, np.zeros(1), np.ones(1))
-    return pinocchio.SE3(pinocchio.Quaternion.FromTwoVectors(np.array([0.0, 0, 1]), data.v.angular), np.zeros(3))
 
 
 def _bounding_volumes(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> coal.BVHModelOBBRSS:

@@ -82,6 +82,10 @@ class ReachabilityMap:
         """Fraction of cells that hold a direction."""
         return float((np.diff(self.start) > 0).mean())
 
+    def configurations(self, rows: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n dof"]:
+        """Configurations stored with these rows of `directions`, in [rad]."""
+        return self.joints[rows].astype(np.float64)
+
     @cached_property
     def content_hash(self) -> str:
         """SHA-256 over grid, directions and configurations."""
