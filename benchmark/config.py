@@ -254,6 +254,50 @@ class SelfCollisionConfig:
 
 
 @dataclass
+class PicturesConfig:
+    """Draws an arm's map and what it is good for; the map is built if it is not in the cache."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
+    workers: int = 2
+    """Processes that sample; the map does not depend on it. A whole number >= 1."""
+    output_dir: str = "results/figures"
+    """Pictures go to its folder maps."""
+    map: MapConfig = field(default_factory=MapConfig)
+
+    def __post_init__(self) -> None:
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        check_folder(self.output_dir)
+
+
+@dataclass
+class ViewConfig:
+    """Shows an arm and its map in three dimensions, in a web browser; the map is built if it is not in the cache."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
+    colour: str = "coverage"
+    """What cells are coloured by: coverage, or mmd (discrepancy of directions against the xArm6's)."""
+    cell: list[float] | None = None
+    """A point of the cell whose directions are shown, [x,y,z] in m in the arm's base frame; null for a half-filled
+    cell before the arm. The arm stands in a configuration that reaches this cell."""
+    save: str = ""
+    """Page (.html) to write without opening a browser; empty to write outputs/view/<robot>.html and open it."""
+    workers: int = 2
+    """Processes that sample; the map does not depend on it. A whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+
+    def __post_init__(self) -> None:
+        cell = self.cell
+        check_setting(self.colour in ("coverage", "mmd"), "colour", self.colour, "coverage, mmd")
+        check_setting(cell is None or len(cell) == 3, "cell", cell, "[x,y,z] in m, or null")
+        check_setting(self.save == "" or self.save.endswith(".html"), "save", self.save, "a file name ending in .html")
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        if self.save:
+            check_folder(str(Path(self.save).parent))
+
+
+@dataclass
 class LeaderboardConfig:
     """Turns the episodes table into LEADERBOARD.md, both in `output_dir`."""
 

@@ -34,7 +34,7 @@ def poses():
 
 @pytest.fixture
 def bases():
-    return np.random.default_rng(1).uniform([-0.5, -0.5, -0.2, -np.pi], [0.5, 0.5, 0.2, np.pi], (40, 4))
+    return np.random.default_rng(1).uniform([-0.5, -0.5, -0.2, -np.pi], [0.5, 0.5, 0.2, np.pi], (12, 4))
 
 
 def about_z(yaw):

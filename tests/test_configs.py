@@ -10,7 +10,15 @@ from omegaconf import OmegaConf
 
 from benchmark import command
 from benchmark.collect import CollectConfig
-from benchmark.config import BuildMapsConfig, LeaderboardConfig, OracleConfig, RunConfig, SelfCollisionConfig
+from benchmark.config import (
+    BuildMapsConfig,
+    LeaderboardConfig,
+    OracleConfig,
+    PicturesConfig,
+    RunConfig,
+    SelfCollisionConfig,
+    ViewConfig,
+)
 from benchmark.train import TrainConfig
 
 SCHEMAS = {
@@ -22,6 +30,8 @@ SCHEMAS = {
     "collect": CollectConfig,
     "train": TrainConfig,
     "self_collision": SelfCollisionConfig,
+    "pictures": PicturesConfig,
+    "view": ViewConfig,
 }
 
 
