@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.command import SettingError, check_setting
+from richmap.energy_settings import CHOICES, EnergySettings
 
 if TYPE_CHECKING:
     from richmap.robot import RobotDescription
@@ -96,20 +97,25 @@ class MapConfig:
 class EnergyConfig:
     """How similarity becomes an energy field; what the paper leaves open."""
 
-    step: float = 0.01
+    step: float = EnergySettings.step
     """Energy per cell of distance from the similar region (the paper's delta), unitless; from 0 to 1."""
-    smoothing: float = 1.0
+    smoothing: float = EnergySettings.smoothing
     """Standard deviation of the Gaussian filter, in cells; from 0 to 10."""
-    central_radius: float = 0.1
+    central_radius: float = EnergySettings.central_radius
     """Cells nearer to the base axis than this are never seeds, in m; from 0 to 0.5."""
-    empty: str = "unfilled"
-    """Cells that not both arms fill: unfilled or seed."""
+    discrepancy: str = EnergySettings.discrepancy
+    """What cells are compared by: mmd or mmd2, its square."""
+    one_sided: str = EnergySettings.one_sided
+    """Cells that one arm fills: masked (no discrepancy) or counted (that from an empty set)."""
+    empty: str = EnergySettings.empty
+    """Cells without a discrepancy: unfilled or seed."""
 
     def __post_init__(self) -> None:
         for name, most in (("step", 1), ("smoothing", 10), ("central_radius", 0.5)):
             value = getattr(self, name)
             check_setting(0 <= value <= most, f"energy.{name}", value, f"a number from 0 to {most}")
-        check_setting(self.empty in ("unfilled", "seed"), "energy.empty", self.empty, "unfilled, seed")
+        for name, allowed in CHOICES.items():
+            check_setting(getattr(self, name) in allowed, f"energy.{name}", getattr(self, name), ", ".join(allowed))
 
 
 @dataclass
@@ -251,6 +257,30 @@ class SelfCollisionConfig:
     def __post_init__(self) -> None:
         for name in ("configurations", "collisions", "limit", "seed"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+
+
+@dataclass
+class FieldSensitivityConfig:
+    """Measures how the energy fields' slope along the demonstrations depends on what the paper leaves open."""
+
+    robots: list[str] = field(default_factory=lambda: ["ur3", "ur5", "ur10"])
+    """Arms, as in robots=[ur3,ur5]; their rows of this map.cell_size replace older ones in the table."""
+    episodes: int = 30
+    """Demonstrations whose positions count, from the scene of seed 0 on; a whole number from 1 to 1000."""
+    output_dir: str = "results"
+    """Folder of field_sensitivity.parquet and field_sensitivity.md; the figure goes to its folder figures."""
+    workers: int = 2
+    """Processes that sample where a map is to be built; a whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+
+    def __post_init__(self) -> None:
+        for name in self.robots or [None]:
+            check_setting(name in TASK_ARMS[1:], "robots", name, ", ".join(TASK_ARMS[1:]))
+        check_setting(1 <= self.episodes <= 1000, "episodes", self.episodes, "a whole number from 1 to 1000")
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        covered = self.map.half_width >= 0.8
+        check_setting(covered, "map.half_width", self.map.half_width, "0.8 or more, so that the field covers the table")
+        check_folder(self.output_dir)
 
 
 @dataclass

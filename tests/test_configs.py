@@ -12,6 +12,7 @@ from benchmark import command
 from benchmark.collect import CollectConfig
 from benchmark.config import (
     BuildMapsConfig,
+    FieldSensitivityConfig,
     LeaderboardConfig,
     OracleConfig,
     PicturesConfig,
@@ -30,6 +31,7 @@ SCHEMAS = {
     "collect": CollectConfig,
     "train": TrainConfig,
     "self_collision": SelfCollisionConfig,
+    "field_sensitivity": FieldSensitivityConfig,
     "pictures": PicturesConfig,
     "view": ViewConfig,
 }
