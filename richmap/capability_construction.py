@@ -44,14 +44,14 @@ class OrientationSamples:
 
 @dataclass(frozen=True)
 class CapabilityProgress:
-    """Where a build stands after a batch."""
+    """Where a build stands after a draw."""
 
-    batches: int
+    draws: int
     inserted: int
     occupancy: float
     """Fraction of cells that hold an orientation."""
     batch_rate: float
-    """Insertion rate of the batch."""
+    """Insertion rate of the draw."""
 
 
 class QuaternionInserter:
@@ -127,43 +127,37 @@ def build_capability_map(
     report: Callable[[CapabilityProgress], None] = lambda progress: None,
     unfinished: Path | None = None,
 ) -> CapabilityMap:
-    """Build a robot's capability map until the stop rate or the target is reached (RichMap, Algorithm 1, on SO(3)).
+    """Build a robot's capability map until it holds `construction.target` orientations or brings few new ones.
 
-    Batch i is drawn from the seed (construction.seed, i) and batches are inserted in order, so the map is the same
-    byte for byte whatever the number of workers, and however often the build was interrupted.
+    RichMap, Algorithm 1, on SO(3). Draw i comes from the seed (construction.seed, i) and draws are inserted in order,
+    so the map is the same byte for byte whatever the number of workers, and whether or not the build was interrupted.
 
     Args:
         robot: The arm.
         grid: Cells in the arm's base frame.
         construction: Settings; what was reached is filled in.
         workers: Sampling processes.
-        report: Called after each batch.
-        unfinished: File that the map is kept in once a minute, that a later call with the same settings goes on from,
-            and that is deleted in the end.
+        report: Called after each draw.
+        unfinished: File that the map is kept in once a minute, that a later call goes on from, and that is deleted in
+            the end.
     """
     limits = np.stack([robot.lower, robot.upper])
     inserter, reached = QuaternionInserter(grid, construction.theta), construction
     if unfinished and (left := _left_by_earlier_call(unfinished, grid, construction)):
         inserter.resume(left)
-        reached = left.construction
+        reached = replace(left.construction, stop_rate=construction.stop_rate, target=construction.target)
     saved = time.monotonic()
     with ProcessPoolExecutor(workers, get_context("spawn"), initializer=start_worker) as pool:
-        upcoming = (pool.submit(sample_orientations, robot, construction, i) for i in count(reached.batches))
+        upcoming = (pool.submit(sample_orientations, robot, construction, i) for i in count(reached.draws))
         queue = deque(next(upcoming) for _ in range(2 * workers))
-        while reached.below < 2 and inserter.inserted < (construction.target or np.inf):
+        while reached.batch_rate >= reached.stop_rate and not 0 < reached.target <= inserter.inserted:
             samples = queue.popleft().result()
             queue.append(next(upcoming))
             offered = inserter.offered
             stored = inserter.insert(samples)
             rate = float(stored.sum() / max(inserter.offered - offered, 1))
-            reached = replace(
-                reached,
-                batches=reached.batches + 1,
-                offered=inserter.offered,
-                batch_rate=rate,
-                below=reached.below + 1 if rate < construction.stop_rate else 0,
-            )
-            report(CapabilityProgress(reached.batches, inserter.inserted, inserter.occupancy, rate))
+            reached = replace(reached, draws=reached.draws + 1, offered=inserter.offered, batch_rate=rate)
+            report(CapabilityProgress(reached.draws, inserter.inserted, inserter.occupancy, rate))
             if unfinished and time.monotonic() - saved > SAVE_INTERVAL:
                 CapabilityMap.from_rows(grid, *inserter.stored(), limits, reached).save(unfinished)
                 saved = time.monotonic()
@@ -176,13 +170,13 @@ def build_capability_map(
 def sample_orientations(
     robot: RobotDescription, construction: CapabilityConstruction, index: int
 ) -> OrientationSamples:
-    """Batch `index` of a build: free configurations, turned about joint 1 where they stay free, with full poses.
+    """Draw `index` of a build: free configurations, turned about joint 1 where they stay free, with full poses.
 
     Turning the last joint as well would give all rolls of a direction, but is not exact: 3 % of the Panda's free
     configurations collide with another value of it, .2 % of the Gen3's, .04 % of the UR5e's, none of the iiwa7's.
     """
     rng = np.random.default_rng((construction.seed, index))
-    joints = sample_workspace(robot, rng, construction.batch, construction.turns).joints.astype(np.float64)
+    joints = sample_workspace(robot, rng, construction.draw, construction.turns).joints.astype(np.float64)
     position, rotation = flange_frames(robot, joints)
     first, width = joints[:, 0] - robot.lower[0], robot.upper[0] - robot.lower[0]
     joints[:, 0] = robot.lower[0] + np.where(first > width, first % (2 * np.pi), first)
@@ -192,13 +186,14 @@ def sample_orientations(
 
 
 def _left_by_earlier_call(file: Path, grid: Grid, construction: CapabilityConstruction) -> CapabilityMap | None:
-    """The unfinished map of a file, if there is one of these settings."""
+    """The unfinished map of a file, if there is one that differs in nothing but in when to stop."""
     try:
         left = CapabilityMap.load(file)
     except (FileNotFoundError, FileRefusedError):
         return None
-    asked = replace(left.construction, batches=0, offered=0, batch_rate=1.0, below=0)
-    return left if (left.grid, asked) == (grid, construction) else None
+    own, names = left.construction, ("robot_fingerprint", "theta", "seed", "draw", "turns")
+    same = left.grid == grid and all(getattr(own, name) == getattr(construction, name) for name in names)
+    return left if same else None
 
 
 @numba.njit(cache=True, inline="always", fastmath=True)

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int, UInt
 
 from richmap.files import FileRefusedError, load_arrays, save_arrays
 from richmap.grid import Grid
+from richmap.robot import RobotDescription
 from richmap.rotations import quaternions_of
 
 KIND, VERSION = "richmap.CapabilityMap", 1
@@ -33,21 +34,19 @@ class CapabilityConstruction:
     theta: float
     """Least angle between two orientations of a cell, in [rad]."""
     seed: int
-    batch: int
-    """Configurations drawn per batch."""
+    draw: int
+    """Configurations drawn at once."""
     turns: int
     """Angles of joint 1 per configuration (orbit sampling)."""
     stop_rate: float
-    """Building stopped when a smaller fraction of two batches in a row was new."""
-    target: int | None = None
-    """Building stopped as soon as a batch brought this many orientations in all; None for no target."""
-    batches: int = 0
+    """Building stopped when a smaller fraction of a draw's poses was new."""
+    target: int
+    """Building stopped when this many orientations were stored; 0 for no such target."""
+    draws: int = 0
     offered: int = 0
     """Poses within the grid that were offered for insertion."""
     batch_rate: float = 1.0
-    """Insertion rate of the last batch."""
-    below: int = 0
-    """How many batches in a row brought less than the stop rate."""
+    """Insertion rate of the last draw."""
 
 
 @dataclass(frozen=True)
@@ -166,20 +165,30 @@ class CapabilityMap:
         save_arrays(path, KIND, VERSION, arrays, about)
 
     @classmethod
-    def load(cls, path: Path) -> "CapabilityMap":
+    def load(cls, path: Path, robot: RobotDescription | None = None) -> "CapabilityMap":
         """Read a map.
 
+        Args:
+            path: The file.
+            robot: The arm that it must be of, if that matters.
+
         Raises:
-            FileRefusedError: If the file is cut short or damaged, is no map, or has another version.
+            FileRefusedError: If the file is cut short or damaged, is no map, or has another version or another robot.
         """
         arrays, about = load_arrays(path, KIND, VERSION)
+        construction = CapabilityConstruction(**json.loads(about["construction"]))
+        if robot is not None and robot.fingerprint != construction.robot_fingerprint:
+            raise FileRefusedError(
+                f"{path} is a map of {construction.robot} ({construction.robot_fingerprint[:12]}), not of {robot.name} "
+                f"({robot.fingerprint[:12]}). Build the map of {robot.name}."
+            )
         capability_map = cls(
             Grid.from_dict(json.loads(about["grid"])),
             arrays["start"],
             arrays["quaternions"].T,
             arrays["joints"],
             arrays["limits"],
-            CapabilityConstruction(**json.loads(about["construction"])),
+            construction,
         )
         if capability_map.content_hash != about["content_hash"]:
             raise FileRefusedError(

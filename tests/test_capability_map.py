@@ -23,7 +23,9 @@ THETA = 0.6
 CUBE = Grid((-0.1, -0.1, -0.1), 0.1, (2, 2, 2))
 GRID = Grid.around_base(cell_size=0.25, half_width=1.0, z_offset=0.2)
 ROBOT = load_robot("xarm6")
-SETTINGS = CapabilityConstruction("xarm6", ROBOT.fingerprint, THETA, seed=0, batch=200, turns=16, stop_rate=0.2)
+SETTINGS = CapabilityConstruction(
+    "xarm6", ROBOT.fingerprint, THETA, seed=0, draw=400, turns=16, stop_rate=0.2, target=0
+)
 WORST_ROUNDING = 2e-3
 """Angle between two equal quaternions as float32 sees it, in [rad]."""
 
@@ -54,8 +56,8 @@ def in_threads(workers, *_, **__):
     return ThreadPoolExecutor(workers)
 
 
-def interrupt_the_third_batch(progress):
-    if progress.batches == 3:
+def interrupt_the_third_draw(progress):
+    if progress.draws == 3:
         raise KeyboardInterrupt
 
 
@@ -108,11 +110,11 @@ def test_neither_interruptions_nor_the_number_of_workers_change_the_map(coarse_m
     monkeypatch.setattr(capability_construction, "ProcessPoolExecutor", in_threads)
     file = tmp_path / "unfinished.safetensors"
     with pytest.raises(KeyboardInterrupt):
-        build_capability_map(ROBOT, GRID, SETTINGS, 1, interrupt_the_third_batch, file)
-    assert CapabilityMap.load(file).construction.batches == 2
+        build_capability_map(ROBOT, GRID, SETTINGS, 1, interrupt_the_third_draw, file)
+    assert CapabilityMap.load(file).construction.draws == 2
     seen = []
     again = build_capability_map(ROBOT, GRID, SETTINGS, 3, seen.append, file)
-    assert seen[0].batches == 3
+    assert seen[0].draws == 3
     assert again.content_hash == coarse_map.content_hash
     assert again.construction == coarse_map.construction
     assert not file.exists()
@@ -164,7 +166,7 @@ def test_nearest_agrees_with_a_search_through_all_orientations(coarse_map):
 def test_most_reachable_poses_are_found_and_points_outside_never(coarse_map):
     samples = sample_orientations(ROBOT, replace(SETTINGS, seed=9), 0)
     rotation = Rotation.from_quat(samples.quaternion, scalar_first=True).as_matrix()
-    assert coarse_map.reachable(samples.position, rotation).mean() > 0.8
+    assert coarse_map.reachable(samples.position, rotation).mean() > 0.7
     far = samples.position + np.float32(10)
     assert not coarse_map.reachable(far, rotation).any()
     assert (coarse_map.nearest(far, rotation)[0] == -1).all()
@@ -176,6 +178,8 @@ def test_a_map_survives_the_file_and_broken_files_are_refused(coarse_map, tmp_pa
     again = CapabilityMap.load(file)
     assert again.content_hash == coarse_map.content_hash
     assert again.construction == coarse_map.construction
+    with pytest.raises(FileRefusedError, match="not of ur3"):
+        CapabilityMap.load(file, load_robot("ur3"))
     whole = file.read_bytes()
     file.write_bytes(whole[:-100])
     with pytest.raises(FileRefusedError, match="cut short"):
