@@ -62,13 +62,15 @@ def map_figures(robot_map: "ReachabilityMap") -> dict[str, "Figure"]:
 
 
 def coverage_figure(robot_map: "ReachabilityMap") -> "Figure":
-    """How many directions each cell holds, in a vertical slice and two horizontal ones."""
-    count = np.diff(robot_map.start).astype(float)
-    count[count == 0] = np.nan
-    figure, panels = _figure(f"{robot_map.construction.robot}: approach directions stored in each cell", 3)
+    """The fraction of directions that each cell reaches, in a vertical slice and two horizontal ones."""
+    from richmap.compression import coverage_fraction
+
+    fraction = coverage_fraction(robot_map).ravel()
+    fraction = np.where(np.diff(robot_map.start) > 0, fraction, np.nan)
+    figure, panels = _figure(f"{robot_map.construction.robot}: share of approach directions that each cell reaches", 3)
     for ax, (axis, index) in zip(panels, _slices(robot_map.grid), strict=True):
-        image = _show_slice(ax, robot_map.grid, count, axis, index, "viridis", (0, np.nanmax(count)))
-    figure.colorbar(image, ax=panels, label="directions per cell", shrink=0.8)
+        image = _show_slice(ax, robot_map.grid, fraction, axis, index, "viridis", (0, 1))
+    figure.colorbar(image, ax=panels, label="coverage fraction", shrink=0.8)
     return figure
 
 
@@ -147,13 +149,11 @@ def base_placement_figure(robot_map: "ReachabilityMap") -> "Figure":
 
 def grasps_figure(robot_map: "ReachabilityMap") -> "Figure":
     """Grasps of a ball from all sides, those that the arm reaches apart."""
+    from richmap.compression import fibonacci_lattice
     from richmap.pose_queries import filter_grasps
 
     centre = robot_map.grid.centres()[half_filled_cell(robot_map)]
-    index = np.arange(160) + 0.5
-    height, turn = 1 - index / 80, np.pi * (1 + 5**0.5) * index  # A Fibonacci lattice.
-    width = np.sqrt(1 - height**2)
-    directions = np.stack([width * np.cos(turn), width * np.sin(turn), height], 1)
+    directions = fibonacci_lattice(160)
     positions = centre - 0.1 * directions
     keep, _ = filter_grasps(robot_map, positions, directions)
     figure, (ax,) = _figure(
@@ -230,11 +230,14 @@ def nearest_figure(robot_map: "ReachabilityMap") -> "Figure":
 
 
 def half_filled_cell(robot_map: "ReachabilityMap") -> int:
-    """A cell in front of the arm, 0.1 to 0.3 m above its base, that holds about half of what the fullest one does."""
-    count = np.diff(robot_map.start)
-    x, y, z = robot_map.grid.centres().T
-    front = (x > 0.2) & (np.abs(y) < robot_map.grid.cell_size) & (z > 0.1) & (z < 0.3)
-    return int(np.argmin(np.where(front & (count > 0), np.abs(count - count.max() / 2), np.inf)))
+    """A cell that holds about half of what the fullest one does; if possible before the arm, 0.2 m up."""
+    grid, count = robot_map.grid, np.diff(robot_map.start)
+    x, y, z = grid.centres().T
+    filled = count > 0
+    before = (x > 2 * grid.cell_size) & (np.abs(y) < grid.cell_size)
+    front = filled & before & (np.abs(z - 0.2) < max(0.1, grid.cell_size))
+    among = np.flatnonzero(front if front.any() else filled)
+    return int(among[np.argmin(np.abs(count[among] - count.max() / 2))])
 
 
 def _slices(grid: "Grid") -> list[tuple[int, int]]:

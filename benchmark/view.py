@@ -30,10 +30,11 @@ ARM, CAP = (70, 90, 120, 255), (200, 40, 40, 255)
 
 
 def main(config: ViewConfig) -> None:
-    """Write the page and open it. Coverage goes from dark (little) to bright (full), MMD from bright (0) to dark."""
+    """Write the page and open it. Coverage goes from dark (0) to bright (1), MMD from bright (0) to dark (1)."""
     from rich.console import Console
 
     from benchmark.build_maps import robot_map
+    from richmap.compression import coverage_fraction
     from richmap.robots import load_robot
     from richmap.similarity import similarity
 
@@ -41,8 +42,10 @@ def main(config: ViewConfig) -> None:
     origin, robot = (0.0, 0.0, 0.0), config.robot.load()
     of_robot = robot_map(robot, origin, config.map, config.workers, console)
     cell = picked_cell(of_robot, config.cell)
-    values, colours = np.diff(of_robot.start).astype(float), "viridis"
-    if config.colour == "mmd":
+    if config.colour == "coverage":
+        filled = np.diff(of_robot.start) > 0
+        values, colours = np.where(filled, coverage_fraction(of_robot).ravel(), np.nan), "viridis"
+    else:
         of_source = robot_map(load_robot(SOURCE), origin, config.map, config.workers, console)
         values, colours = similarity(of_source, of_robot).mmd, "magma_r"
     file = Path(config.save or f"outputs/view/{robot.name}.html")
@@ -75,7 +78,7 @@ def map_scene(
     Args:
         robot: The arm.
         robot_map: Its map.
-        values: One per cell, of any unit; empty cells (0 or NaN) are not drawn.
+        values: One per cell, in [0, 1]; cells with NaN are not drawn.
         colours: Name of a colour map of Matplotlib.
         cell: Flat index of a filled cell.
     """
@@ -101,14 +104,15 @@ def map_scene(
 
 
 def cell_boxes(robot_map: "ReachabilityMap", values: np.ndarray, colours: str, centre: np.ndarray) -> "trimesh.Trimesh":
-    """A small box per filled cell beyond the plane y = 0, but for those near `centre`."""
+    """A small box per cell with a value beyond the plane y = 0, but for those near `centre`."""
     from matplotlib import colormaps
 
     grid = robot_map.grid
     middle = grid.centres()
-    drawn = (values > 0) & (middle[:, 1] > 0) & (np.linalg.norm(middle - centre, axis=1) > RADIUS + grid.cell_size / 2)
+    apart = np.linalg.norm(middle - centre, axis=1) > RADIUS + grid.cell_size / 2
+    drawn = ~np.isnan(values) & (middle[:, 1] > 0) & apart
     boxes = _boxes(middle[drawn], SHRINK * grid.cell_size)
-    shade = colormaps[colours](values[drawn] / max(np.nanmax(values), 1e-9), bytes=True)
+    shade = colormaps[colours](np.minimum(values[drawn], 1), bytes=True)
     boxes.visual.vertex_colors = np.repeat(shade, 8, axis=0)
     return boxes
 

@@ -4,23 +4,11 @@ import pytest
 from richmap import base_placement
 from richmap.base_placement import place_base
 from richmap.grid import Grid
-from richmap.kinematics import flange_frames
-from richmap.reachability_map import Construction, ReachabilityMap
-from richmap.robots import load_robot
-
-ROBOT = load_robot("xarm6")
 
 
 @pytest.fixture(scope="module")
-def coarse_map():
-    grid = Grid.around_base(cell_size=0.1, half_width=0.8, z_offset=0.2)
-    joints = np.random.default_rng(0).uniform(ROBOT.lower, ROBOT.upper, (400_000, 6))
-    position, rotation = flange_frames(ROBOT, joints)
-    cell = grid.cells_of(position)
-    inside = cell >= 0
-    rows = cell[inside], rotation[inside, :, 2].astype(np.float32), joints[inside].astype(np.float32)
-    settings = Construction("xarm6", ROBOT.fingerprint, theta=0.3, seed=0, batch=1, turns=1, stop_rate=0.1)
-    return ReachabilityMap.from_rows(grid, *rows, settings)
+def coarse_map(sampled_map):
+    return sampled_map("xarm6", Grid.around_base(cell_size=0.1, half_width=0.8, z_offset=0.2), 400_000)
 
 
 @pytest.fixture

@@ -4,28 +4,20 @@ from PIL import Image
 
 from benchmark import build_maps, pictures
 from benchmark.config import PicturesConfig, RobotConfig
+from richmap.compression import coverage_fraction
 from richmap.grid import Grid
-from richmap.kinematics import flange_frames
-from richmap.reachability_map import Construction, ReachabilityMap
-from richmap.robots import load_robot
 from richmap.similarity import similarity
 
 GRID = Grid.around_base(cell_size=0.1, half_width=0.8, z_offset=0.2)
 
 
-def coarse_map(name):
-    robot = load_robot(name)
-    joints = np.random.default_rng(0).uniform(robot.lower, robot.upper, (100_000, len(robot.joints)))
-    position, rotation = flange_frames(robot, joints)
-    cell = GRID.cells_of(position)
-    inside = cell >= 0
-    rows = cell[inside], rotation[inside, :, 2].astype(np.float32), joints[inside].astype(np.float32)
-    settings = Construction(name, robot.fingerprint, theta=0.3, seed=0, batch=1, turns=1, stop_rate=0.1)
-    return ReachabilityMap.from_rows(GRID, *rows, settings)
+@pytest.fixture(scope="module")
+def coarse_map(sampled_map):
+    return lambda name: sampled_map(name, GRID, 100_000)
 
 
 @pytest.fixture
-def from_coarse_maps(monkeypatch):
+def from_coarse_maps(coarse_map, monkeypatch):
     monkeypatch.setattr(build_maps, "robot_map", lambda robot, *_: coarse_map(robot.name))
 
 
@@ -45,9 +37,9 @@ def test_the_source_is_not_compared_with_itself(from_coarse_maps, tmp_path, monk
     assert not list((tmp_path / "maps").iterdir())
 
 
-def test_slices_show_the_map_as_it_lies_in_space():
+def test_slices_show_the_map_as_it_lies_in_space(coarse_map):
     robot_map = coarse_map("ur3")
-    count = np.diff(robot_map.start).astype(float)
+    coverage = coverage_fraction(robot_map).ravel()
     for ax in pictures.coverage_figure(robot_map).axes[:3]:
         (image,) = ax.images
         left, right, bottom, top = image.get_extent()
@@ -57,10 +49,10 @@ def test_slices_show_the_map_as_it_lies_in_space():
         for i, j in ((3, 5), (8, 8), (9, 12)):
             across, up = left + (i + 0.5) * (right - left) / 16, bottom + (j + 0.5) * (top - bottom) / 16
             point = np.insert(np.array([across, up]), axis, at)
-            assert shown[j, i] == count[GRID.cells_of(point[None])[0]]
+            assert shown[j, i] == coverage[GRID.cells_of(point[None])[0]]
 
 
-def test_the_picked_cell_is_half_filled_and_before_the_arm():
+def test_the_picked_cell_is_half_filled_and_before_the_arm(coarse_map):
     robot_map = coarse_map("ur3")
     cell = pictures.half_filled_cell(robot_map)
     count = np.diff(robot_map.start)
@@ -68,7 +60,7 @@ def test_the_picked_cell_is_half_filled_and_before_the_arm():
     assert GRID.centres()[cell] == pytest.approx([0.45, 0, 0.2], abs=0.3)
 
 
-def test_one_sided_cells_are_shown_apart():
+def test_one_sided_cells_are_shown_apart(coarse_map):
     figure = pictures.mmd_figure(similarity(coarse_map("xarm6"), coarse_map("ur3")), "ur3")
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [
         "only xarm6 reaches the cell",

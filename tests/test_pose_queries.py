@@ -6,7 +6,6 @@ import pytest
 from richmap.grid import Grid
 from richmap.kinematics import flange_frames
 from richmap.pose_queries import check_poses, filter_grasps, nearest_poses, reach_along_path
-from richmap.reachability_map import Construction, ReachabilityMap
 from richmap.robots import load_robot
 
 ROBOT = load_robot("xarm6")
@@ -14,14 +13,8 @@ GRID = Grid.around_base(cell_size=0.2, half_width=0.8, z_offset=0.2)
 
 
 @pytest.fixture(scope="module")
-def coarse_map():
-    joints = np.random.default_rng(0).uniform(ROBOT.lower, ROBOT.upper, (30_000, 6))
-    position, rotation = flange_frames(ROBOT, joints)
-    cell = GRID.cells_of(position)
-    inside = cell >= 0
-    rows = cell[inside], rotation[inside, :, 2].astype(np.float32), joints[inside].astype(np.float32)
-    settings = Construction("xarm6", ROBOT.fingerprint, theta=0.3, seed=0, batch=1, turns=1, stop_rate=0.1)
-    return ReachabilityMap.from_rows(GRID, *rows, settings)
+def coarse_map(sampled_map):
+    return sampled_map("xarm6", GRID, 30_000)
 
 
 def random_poses(n, half_width=0.7):

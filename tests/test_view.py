@@ -11,21 +11,14 @@ from benchmark.command import SettingError
 from benchmark.config import RobotConfig, ViewConfig
 from richmap.grid import Grid
 from richmap.kinematics import flange_frames
-from richmap.reachability_map import Construction, ReachabilityMap
 from richmap.robots import load_robot
 
 GRID = Grid.around_base(cell_size=0.1, half_width=0.8, z_offset=0.2)
 
 
-def coarse_map(name):
-    robot = load_robot(name)
-    joints = np.random.default_rng(0).uniform(robot.lower, robot.upper, (50_000, len(robot.joints)))
-    position, rotation = flange_frames(robot, joints)
-    cell = GRID.cells_of(position)
-    inside = cell >= 0
-    rows = cell[inside], rotation[inside, :, 2].astype(np.float32), joints[inside].astype(np.float32)
-    settings = Construction(name, robot.fingerprint, theta=0.3, seed=0, batch=1, turns=1, stop_rate=0.1)
-    return ReachabilityMap.from_rows(GRID, *rows, settings)
+@pytest.fixture(scope="module")
+def coarse_map(sampled_map):
+    return lambda name: sampled_map(name, GRID, 50_000)
 
 
 def scene_of_page(file):
@@ -37,7 +30,7 @@ def scene_of_page(file):
 
 
 @pytest.mark.parametrize("colour", ["coverage", "mmd"])
-def test_a_page_is_written_without_a_screen(colour, monkeypatch, tmp_path):
+def test_a_page_is_written_without_a_screen(colour, coarse_map, monkeypatch, tmp_path):
     monkeypatch.setattr(build_maps, "robot_map", lambda robot, *_: coarse_map(robot.name))
     monkeypatch.setattr(view.webbrowser, "open", lambda url: pytest.fail("opens a browser"))
     file = tmp_path / "view.html"
@@ -48,17 +41,18 @@ def test_a_page_is_written_without_a_screen(colour, monkeypatch, tmp_path):
     assert len(np.unique(shown["cells"].visual.vertex_colors, axis=0)) > 10
 
 
-def test_cells_and_directions_are_shown_where_they_are():
+def test_cells_and_directions_are_shown_where_they_are(coarse_map):
     robot_map, robot = coarse_map("ur3"), load_robot("ur3")
     count = np.diff(robot_map.start)
     cell = view.picked_cell(robot_map, [0.35, 0.05, 0.25])
     centre = GRID.centres()[cell]
     assert centre == pytest.approx([0.35, 0.05, 0.25])
-    boxes = view.cell_boxes(robot_map, count.astype(float), "viridis", centre)
+    values = np.where(count > 0, count / count.max(), np.nan)
+    boxes = view.cell_boxes(robot_map, values, "viridis", centre)
     middles = boxes.vertices.reshape(-1, 8, 3).mean(1)
     far = np.linalg.norm(GRID.centres() - centre, axis=1) > view.RADIUS + 0.05
     assert middles == pytest.approx(GRID.centres()[(count > 0) & far & (GRID.centres()[:, 1] > 0)])
-    scene = view.map_scene(robot, robot_map, count.astype(float), "viridis", cell)
+    scene = view.map_scene(robot, robot_map, values, "viridis", cell)
     assert len(scene.geometry["directions"].vertices) == 8 * count[cell]
 
 
@@ -72,7 +66,7 @@ def test_the_last_link_moves_with_the_flange(name):
     assert seen[0] == pytest.approx(seen[1], abs=1e-6)
 
 
-def test_a_cell_that_holds_nothing_is_refused():
+def test_a_cell_that_holds_nothing_is_refused(coarse_map):
     robot_map = coarse_map("ur3")
     for point in ([0.75, 0.75, 0.95], [5.0, 0.0, 0.0]):
         with pytest.raises(SettingError, match="a point that ur3 reaches"):
