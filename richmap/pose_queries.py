@@ -17,7 +17,7 @@ def filter_grasps(
 
     Example:
         >>> keep, seeds = filter_grasps(robot_map, positions, directions)
-        >>> for grasp, q in zip(grasps[keep], seeds):  # numerical IK converges from q in a few steps
+        >>> for grasp, q in zip(grasps[keep], seeds, strict=True):
         ...     solve_ik(grasp, start=q)
 
     Args:
