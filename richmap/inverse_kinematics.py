@@ -205,7 +205,7 @@ def _descend(frames, lower, upper, q, position, rotation, free_roll, lever, iter
     e, e_tried, y, trial = work[2 * n + 6], work[2 * n + 7], work[2 * n + 8], work[3 * n + 10 : 4 * n + 10, 0]
     off, angle = _errors(frames, q, position, rotation, free_roll, lever, jacobian, e)
     cost = _square(e)
-    damping, slow, refused = 0.05, 0, 0
+    damping, slow, refused = min(0.05, cost), 0, 0  # Nearly Newton steps from a start that is near.
     for _ in range(iterations):
         if off <= POSITION_TOLERANCE and angle <= ANGLE_TOLERANCE:
             break
