@@ -11,7 +11,9 @@ from omegaconf import OmegaConf
 from benchmark import command
 from benchmark.collect import CollectConfig
 from benchmark.config import (
+    ApproximateIkConfig,
     BuildMapsConfig,
+    CapabilityMapConfig,
     FieldSensitivityConfig,
     LeaderboardConfig,
     OracleConfig,
@@ -31,6 +33,8 @@ SCHEMAS = {
     "collect": CollectConfig,
     "train": TrainConfig,
     "self_collision": SelfCollisionConfig,
+    "capability_map": CapabilityMapConfig,
+    "approximate_ik": ApproximateIkConfig,
     "field_sensitivity": FieldSensitivityConfig,
     "pictures": PicturesConfig,
     "view": ViewConfig,
