@@ -1,10 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from benchmark import verify_maps
 from benchmark.labels import LABELS, LabelledPoses
-from benchmark.verify_maps import VerifiedMap, metrics_over_construction, report, scores, store, verify
+from benchmark.verify_maps import VerifiedMap, half_and_half, metrics_over_construction, report, scores, store, verify
 from richmap.robots import load_robot
 
 
@@ -41,6 +43,16 @@ def test_every_set_and_label_has_a_row_with_what_is_relied_on(monkeypatch):
     )
     assert set(f"{names} bytes_memory bytes_disk query_1e2_s".split()) <= set(rows[0])
     assert rows[0]["avg_per_cell"] == pytest.approx(900 / 30)
+
+
+def test_the_papers_set_is_half_and_half_under_every_label():
+    poses = labelled()
+    kind = np.where(poses.strict, 0, 3).astype(np.uint8)
+    poses = replace(poses, kind=kind, loose=poses.loose | poses.strict)
+    kept = half_and_half(poses, "loose")
+    assert 0 < poses.loose[kept].sum() == (~poses.loose[kept]).sum()
+    assert (kind[kept][poses.loose[kept]] == 0).all() and (~poses.loose).sum() == (~poses.loose[kept]).sum()
+    assert len(half_and_half(labelled(), "loose")) == 400
 
 
 def test_a_row_replaces_an_older_one_about_the_same(tmp_path):
