@@ -77,6 +77,18 @@ class TorchInserter:
         mask[order.cpu().numpy()] = True
         return mask
 
+    @torch.no_grad()
+    def resume(
+        self, cell: Int[np.ndarray, " n"], direction: Float[np.ndarray, "n 3"], joints: Float[np.ndarray, "n dof"]
+    ) -> None:
+        """Take over what another inserter has `stored` in cells that hold nothing yet; nothing is compared."""
+        cell, direction, joints = (torch.as_tensor(rows, device=self.device) for rows in (cell, direction, joints))
+        order = torch.argsort(cell, stable=True)
+        self._store(self._open_slots(cell[order]), direction[order])
+        self._cells.append(cell.long())
+        self._directions.append(direction.float())
+        self._joints.append(joints.float())
+
     def stored(self) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n dof"]]:
         """Cell, direction and configuration of all that is stored, in order of insertion."""
         for rows in (self._cells, self._directions, self._joints):

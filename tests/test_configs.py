@@ -20,6 +20,7 @@ from benchmark.config import (
     PicturesConfig,
     RunConfig,
     SelfCollisionConfig,
+    SpeedConfig,
     VerifyMapsConfig,
     ViewConfig,
 )
@@ -34,6 +35,7 @@ SCHEMAS = {
     "collect": CollectConfig,
     "train": TrainConfig,
     "self_collision": SelfCollisionConfig,
+    "speed": SpeedConfig,
     "verify_maps": VerifyMapsConfig,
     "capability_map": CapabilityMapConfig,
     "approximate_ik": ApproximateIkConfig,

@@ -62,6 +62,15 @@ def test_a_batch_given_twice_brings_nothing():
     assert not inserted([batch, batch])[1][1].any()
 
 
+def test_a_build_goes_on_from_what_was_stored():
+    batches = [random_poses(1000, seed) for seed in range(2)]
+    whole = inserted(batches)[0].stored()
+    inserter = TorchInserter(GRID, THETA, dof=1, device="cpu")
+    inserter.resume(*inserted(batches[:1])[0].stored())
+    inserter.insert(*batches[1])
+    assert all((a == b).all() for a, b in zip(whole, inserter.stored(), strict=True))
+
+
 def test_nearest_is_what_a_scan_of_the_map_finds():
     cell, stored, _ = inserted([random_poses(1000, seed) for seed in range(2)])[0].stored()
     order = np.argsort(cell, kind="stable")

@@ -1,0 +1,73 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from benchmark.config import SpeedConfig
+from benchmark.speed import least_seconds, markdown, mmd_speeds, poses_in_reach, query_speeds, store
+from richmap.grid import Grid
+from richmap.similarity import direction_moments
+
+GRID = Grid.around_base(cell_size=0.2, half_width=1.0, z_offset=0.2)
+
+
+@pytest.fixture(scope="module")
+def maps(sampled_map):
+    return [sampled_map(name, GRID, 20_000) for name in ("xarm6", "ur3")]
+
+
+def test_queries_are_timed_and_exact_ones_are_exact(maps, tmp_path, monkeypatch):
+    monkeypatch.setattr("benchmark.speed.least_seconds", lambda call, repeats: call() is None or 1e-6)
+    rows = {
+        (row["name"], row["batch"]): row for row in query_speeds(maps[0], SpeedConfig(batches=[10, 3000], device="cpu"))
+    }
+    for name in ("query_bitmap", "query_exact", "query_nearest", "query_torch"):
+        for batch in (10, 3000):
+            assert rows[name, batch]["value"] == pytest.approx(1e-6 / batch)
+    assert 0.1 < rows["reachable_share", 3000]["value"] < 0.95
+    assert 0 < rows["bitmap_disagreement", 3000]["value"] < 0.02
+    assert rows["exact_disagreement", 3000]["value"] == 0
+
+
+def test_the_fast_mmd_is_held_against_the_sum_over_pairs(maps, monkeypatch):
+    monkeypatch.setattr("benchmark.speed.least_seconds", lambda call, repeats: call() is None or 1e-6)
+    first, other = maps
+    rows = {
+        row["name"]: row for row in mmd_speeds(first, direction_moments(first), other, SpeedConfig(pairwise_cells=50))
+    }
+    assert set(rows) == {"mmd", "mmd_further", "mmd_pairwise", "mmd_error_median", "mmd_error_p99"}
+    assert rows["mmd_pairwise"]["batch"] == 50 and rows["mmd_pairwise"]["value"] > 0
+    assert 0 < rows["mmd_error_median"]["value"] < rows["mmd_error_p99"]["value"] < 0.01
+
+
+def test_poses_fill_the_ball_that_encloses_the_filled_cells(maps):
+    position, direction = poses_in_reach(maps[0], 20_000, np.random.default_rng(0))
+    filled = GRID.centres()[np.diff(maps[0].start) > 0]
+    middle = position.mean(0)
+    radius = np.linalg.norm(position - middle, axis=1)
+    assert radius.max() == pytest.approx(np.linalg.norm(filled - middle, axis=1).max(), rel=0.05)
+    assert (radius < radius.max() / 2).mean() == pytest.approx(1 / 8, abs=0.02)  # a ball of half the radius
+    assert np.abs(direction.mean(0)).max() < 0.02
+    assert np.allclose(np.linalg.norm(direction, axis=1), 1)
+
+
+def test_a_row_replaces_an_older_one_of_the_same_measurement(tmp_path):
+    row = {
+        "name": "query_bitmap", "robot": "ur3", "cell_size": 0.05, "device": "cpu", "batch": 100, "threads": 1,
+        "value": 5e-8, "unit": "s",
+    }  # fmt: skip
+    share = {**row, "name": "bitmap_disagreement", "value": 0.01, "unit": "share"}
+    store(tmp_path, [row, {**row, "robot": "ur5"}, share])
+    store(tmp_path, [{**row, "value": 4e-8}, {**row, "threads": 2}])
+    table = pd.read_parquet(tmp_path / "speed.parquet")
+    assert set(table.columns) >= {"name", "robot", "batch", "threads", "value", "unit"}
+    assert len(table) == 4
+    assert table.query("name == 'query_bitmap' and robot == 'ur3' and threads == 1").value.tolist() == [4e-8]
+    text = markdown(table)
+    assert "| query_bitmap" in text and "| bitmap_disagreement" in text
+    assert [file.name for file in tmp_path.iterdir()] == ["speed.parquet"]
+
+
+def test_the_least_time_is_that_of_one_call():
+    calls = []
+    assert 0 < least_seconds(lambda: calls.append(0), 2) < 0.01
+    assert len(calls) > 2
