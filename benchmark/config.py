@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.command import SettingError, check_setting
+from richmap.energy_settings import CHOICES, EnergySettings
 
 if TYPE_CHECKING:
     from richmap.robot import RobotDescription
@@ -96,20 +97,25 @@ class MapConfig:
 class EnergyConfig:
     """How similarity becomes an energy field; what the paper leaves open."""
 
-    step: float = 0.01
+    step: float = EnergySettings.step
     """Energy per cell of distance from the similar region (the paper's delta), unitless; from 0 to 1."""
-    smoothing: float = 1.0
+    smoothing: float = EnergySettings.smoothing
     """Standard deviation of the Gaussian filter, in cells; from 0 to 10."""
-    central_radius: float = 0.1
+    central_radius: float = EnergySettings.central_radius
     """Cells nearer to the base axis than this are never seeds, in m; from 0 to 0.5."""
-    empty: str = "unfilled"
-    """Cells that not both arms fill: unfilled or seed."""
+    discrepancy: str = EnergySettings.discrepancy
+    """What cells are compared by: mmd or mmd2, its square."""
+    one_sided: str = EnergySettings.one_sided
+    """Cells that one arm fills: masked (no discrepancy) or counted (that from an empty set)."""
+    empty: str = EnergySettings.empty
+    """Cells without a discrepancy: unfilled or seed."""
 
     def __post_init__(self) -> None:
         for name, most in (("step", 1), ("smoothing", 10), ("central_radius", 0.5)):
             value = getattr(self, name)
             check_setting(0 <= value <= most, f"energy.{name}", value, f"a number from 0 to {most}")
-        check_setting(self.empty in ("unfilled", "seed"), "energy.empty", self.empty, "unfilled, seed")
+        for name, allowed in CHOICES.items():
+            check_setting(getattr(self, name) in allowed, f"energy.{name}", getattr(self, name), ", ".join(allowed))
 
 
 @dataclass
@@ -251,6 +257,139 @@ class SelfCollisionConfig:
     def __post_init__(self) -> None:
         for name in ("configurations", "collisions", "limit", "seed"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+
+
+@dataclass
+class FieldSensitivityConfig:
+    """Measures how the energy fields' slope along the demonstrations depends on what the paper leaves open."""
+
+    robots: list[str] = field(default_factory=lambda: ["ur3", "ur5", "ur10"])
+    """Arms, as in robots=[ur3,ur5]; their rows of this map.cell_size replace older ones in the table."""
+    episodes: int = 30
+    """Demonstrations whose positions count, from the scene of seed 0 on; a whole number from 1 to 1000."""
+    output_dir: str = "results"
+    """Folder of field_sensitivity.parquet and field_sensitivity.md; the figure goes to its folder figures."""
+    workers: int = 2
+    """Processes that sample where a map is to be built; a whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+
+    def __post_init__(self) -> None:
+        for name in self.robots or [None]:
+            check_setting(name in TASK_ARMS[1:], "robots", name, ", ".join(TASK_ARMS[1:]))
+        check_setting(1 <= self.episodes <= 1000, "episodes", self.episodes, "a whole number from 1 to 1000")
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        covered = self.map.half_width >= 0.8
+        check_setting(covered, "map.half_width", self.map.half_width, "0.8 or more, so that the field covers the table")
+        check_folder(self.output_dir)
+
+
+@dataclass
+class PicturesConfig:
+    """Draws an arm's map and what it is good for; the map is built if it is not in the cache."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
+    workers: int = 2
+    """Processes that sample; the map does not depend on it. A whole number >= 1."""
+    output_dir: str = "results/figures"
+    """Pictures go to its folder maps."""
+    map: MapConfig = field(default_factory=MapConfig)
+
+    def __post_init__(self) -> None:
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        check_folder(self.output_dir)
+
+
+@dataclass
+class ViewConfig:
+    """Shows an arm and its map in three dimensions, in a web browser; the map is built if it is not in the cache."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
+    colour: str = "coverage"
+    """What cells are coloured by: coverage, or mmd (discrepancy of directions against the xArm6's)."""
+    cell: list[float] | None = None
+    """A point of the cell whose directions are shown, [x,y,z] in m in the arm's base frame; null for a half-filled
+    cell before the arm. The arm stands in a configuration that reaches this cell."""
+    save: str = ""
+    """Page (.html) to write without opening a browser; empty to write outputs/view/<robot>.html and open it."""
+    workers: int = 2
+    """Processes that sample; the map does not depend on it. A whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+
+    def __post_init__(self) -> None:
+        cell = self.cell
+        check_setting(self.colour in ("coverage", "mmd"), "colour", self.colour, "coverage, mmd")
+        check_setting(cell is None or len(cell) == 3, "cell", cell, "[x,y,z] in m, or null")
+        check_setting(self.save == "" or self.save.endswith(".html"), "save", self.save, "a file name ending in .html")
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        if self.save:
+            check_folder(str(Path(self.save).parent))
+
+
+@dataclass
+class CapabilityMapConfig:
+    """Builds an arm's capability map, which holds full orientations; it is cached."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
+    cell_size: float = 0.05
+    """Edge of a cubic cell, in m, above 0."""
+    theta: float = 0.4
+    """Least angle between two orientations of a cell, in rad, above 0."""
+    half_width: float = 1.0
+    """The grid spans this far from the base along x and y, and up and down, in m, above 0."""
+    z_offset: float = 0.2
+    """How much the grid is raised against the base, in m."""
+    stop_rate: float = 0.01
+    """Building stops when a draw brings less than this fraction of new orientations; between 0 and 1."""
+    target: int | None = None
+    """Building also stops at so many orientations; 0 for no such target, null for the paper's count where it has one
+    (panda, iiwa7, ur5e, gen3)."""
+    draw: int = 8192
+    """Configurations that a worker draws at once; 1 or more."""
+    turns: int = 64
+    """Angles of joint 1 that each configuration is used at (orbit sampling); a power of two, 1 for plain sampling."""
+    seed: int = 0
+    """Seed of the samples; a whole number >= 0."""
+    workers: int = 2
+    """Processes that sample; the map does not depend on it. A whole number >= 1."""
+
+    def __post_init__(self) -> None:
+        half_width = self.half_width
+        check_setting(0 < half_width <= 10, "half_width", half_width, "a number above 0 and at most 10")
+        check_setting(0 < self.cell_size <= half_width / 4, "cell_size", self.cell_size, "up to half_width / 4")
+        check_setting(0.1 <= self.theta <= 3, "theta", self.theta, "a number from 0.1 to 3")
+        check_setting(abs(self.z_offset) <= 10, "z_offset", self.z_offset, "a number from -10 to 10")
+        check_setting(0 < self.stop_rate < 1, "stop_rate", self.stop_rate, "a number between 0 and 1")
+        check_setting((self.target or 0) >= 0, "target", self.target, "a whole number >= 0, null")
+        check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
+        for name in ("draw", "turns", "workers"):
+            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_setting(self.turns.bit_count() == 1, "turns", self.turns, "a power of two")
+
+
+@dataclass
+class ApproximateIkConfig:
+    """Measures how near the configurations that a map stores are to asked poses, and what a few steps make of them."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom; its rows replace older ones in the table."""
+    poses: int = 20_000
+    """Number of configurations drawn, whose poses are asked for if they are free of self-collision; 100 or more."""
+    seed: int = 1000
+    """Seed of the configurations; a whole number >= 0."""
+    output_dir: str = "results"
+    """Folder of approximate_ik.parquet and approximate_ik.md."""
+    workers: int = 2
+    """Processes that sample where the map is to be built; a whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+
+    def __post_init__(self) -> None:
+        check_setting(self.poses >= 100, "poses", self.poses, "a whole number >= 100")
+        check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        check_folder(self.output_dir)
 
 
 @dataclass

@@ -34,5 +34,5 @@ class EnergyGuidance:
 
     def __call__(self, flange: Float[Tensor, "b 3"]) -> Float[Tensor, "b 2"]:
         """Push for each row, from the measured flange positions in the world frame, in [m]."""
-        _, slope = self.field.value_and_gradient(flange.detach().cpu().double().numpy())  # (b, 3), in [1/m]
+        slope = self.field.gradient(flange.detach().cpu().double().numpy())  # (b, 3), in [1/m]
         return self.scale * torch.as_tensor(slope[:, :2], dtype=flange.dtype, device=flange.device)

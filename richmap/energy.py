@@ -3,35 +3,23 @@
 import json
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.interpolate import NdBSpline, make_interp_spline
-from scipy.ndimage import convolve, gaussian_filter
+from scipy.ndimage import binary_dilation, distance_transform_cdt, gaussian_filter
 
+from richmap.energy_settings import EnergySettings
 from richmap.files import load_arrays, save_arrays
 from richmap.grid import Grid
 from richmap.similarity import SimilarityGrid
 
 KIND, VERSION = "richmap.EnergyField", 1
 
-SIX_NEIGHBOURS = np.zeros((3, 3, 3))
-SIX_NEIGHBOURS[[0, 2, 1, 1, 1, 1], [1, 1, 0, 2, 1, 1], [1, 1, 1, 1, 0, 2]] = 1
-
-
-@dataclass(frozen=True)
-class EnergySettings:
-    """What shapes the field; the paper leaves most of it open."""
-
-    step: float = 0.01
-    """Energy added per cell of distance from the seeds (the paper's delta), unitless."""
-    smoothing: float = 1.0
-    """Standard deviation of the Gaussian filter, in [cells]."""
-    central_radius: float = 0.1
-    """Cells whose centre is nearer to the base axis are not seeds, in [m]."""
-    empty: str = "unfilled"
-    """What cells are that not both robots fill: "unfilled", or "seed" as the paper's formula literally reads."""
+SIX_NEIGHBOURS = np.zeros((3, 3, 3), dtype=bool)
+SIX_NEIGHBOURS[[0, 2, 1, 1, 1, 1], [1, 1, 0, 2, 1, 1], [1, 1, 1, 1, 0, 2]] = True
 
 
 @dataclass(frozen=True)
@@ -63,12 +51,25 @@ class EnergyField:
         Raises:
             ValueError: If a point lies outside the cells' centres.
         """
-        lower, upper = (np.array([axis[end] for axis in self.grid.axes()]) for end in (0, -1))
+        gradient = self.gradient(points)
+        return self._spline(points), gradient
+
+    def gradient(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """The gradient alone, which is all that guidance needs.
+
+        Raises:
+            ValueError: If a point lies outside the cells' centres.
+        """
+        lower, upper = self._bounds
         outside = ~((points >= lower) & (points <= upper)).all(1)
         if outside.any():
             raise ValueError(f"{points[outside][0]} m is outside the energy field, from {lower} to {upper} m.")
-        gradient = [self._spline(points, nu=nu) for nu in np.eye(3, dtype=int)]
-        return self._spline(points), np.stack(gradient, axis=1)
+        return np.stack([self._spline(points, nu=nu) for nu in np.eye(3, dtype=int)], axis=1)
+
+    @cached_property
+    def _bounds(self) -> Float[np.ndarray, "2 3"]:
+        """First and last centre along each axis, in [m]."""
+        return np.array([axis[[0, -1]] for axis in self.grid.axes()]).T
 
     @cached_property
     def _spline(self) -> NdBSpline:
@@ -104,19 +105,21 @@ class EnergyField:
 def seed_cells(similarity: SimilarityGrid, settings: EnergySettings) -> Bool[np.ndarray, "nx ny nz"]:
     """Cells of zero energy: similar enough, outside the central region, not isolated (RichMap, Eq. 9).
 
-    The threshold is the mean of the positive discrepancies over cells that both robots fill.
+    The threshold (the paper's tau) is the mean of the positive discrepancies.
     """
-    mmd = similarity.mmd
-    threshold = mmd[mmd > 0].mean() if (mmd > 0).any() else 0.0
-    seeds = np.nan_to_num(mmd, nan=np.inf) <= threshold
-    if settings.empty == "seed":
-        seeds |= np.isnan(mmd)
-    elif settings.empty != "unfilled":
-        raise ValueError(f'empty={settings.empty!r} is neither "unfilled" nor "seed".')
+    discrepancy = similarity.mmd
+    if settings.one_sided == "counted":
+        discrepancy = np.where(np.isnan(discrepancy), similarity.one_sided, discrepancy)
+    if settings.discrepancy == "mmd2":
+        discrepancy = discrepancy**2
+    positive = discrepancy[discrepancy > 0]
+    threshold = positive.mean() if len(positive) else 0.0
+    missing = 0.0 if settings.empty == "seed" else np.inf
+    seeds = np.nan_to_num(discrepancy, nan=missing) <= threshold
     centres = similarity.grid.centres()
     seeds &= np.hypot(centres[:, 0], centres[:, 1]) >= settings.central_radius
     seeds = seeds.reshape(similarity.grid.shape)
-    return seeds & (_neighbours(seeds) > 0)
+    return seeds & binary_dilation(seeds, SIX_NEIGHBOURS)
 
 
 def propagate(seeds: Bool[np.ndarray, "nx ny nz"], step: float) -> Float[np.ndarray, "nx ny nz"]:
@@ -127,15 +130,15 @@ def propagate(seeds: Bool[np.ndarray, "nx ny nz"], step: float) -> Float[np.ndar
     """
     if not seeds.any():
         raise ValueError("The energy field has no seed: no cell is filled by both robots and similar enough.")
-    energy, filled = np.zeros(seeds.shape), seeds.copy()
-    while not filled.all():
-        count = _neighbours(filled)
-        layer = ~filled & (count > 0)
-        energy[layer] = _neighbours(energy * filled)[layer] / count[layer] + step
-        filled |= layer
-    return energy
-
-
-def _neighbours(values: np.ndarray) -> Float[np.ndarray, "nx ny nz"]:
-    """Sum over the 6-neighbours within the grid."""
-    return convolve(values.astype(float), SIX_NEIGHBOURS, mode="constant")
+    # Nothing stands in the wave's way, so it arrives after as many steps as the nearest seed is cells away.
+    arrival = np.pad(distance_transform_cdt(~seeds, "taxicab"), 1, constant_values=-1)
+    offsets = (np.argwhere(SIX_NEIGHBOURS) - 1) @ arrival.strides // arrival.itemsize
+    arrival, energy = arrival.ravel(), np.zeros(arrival.size)
+    order = np.argsort(arrival, kind="stable")
+    start = np.searchsorted(arrival[order], np.arange(1, arrival.max() + 2))
+    for layer, (first, last) in enumerate(pairwise(start)):
+        cells = order[first:last]
+        near = cells[:, None] + offsets
+        filled = arrival[near] == layer
+        energy[cells] = (energy[near] * filled).sum(1) / filled.sum(1) + step
+    return energy.reshape(np.array(seeds.shape) + 2)[1:-1, 1:-1, 1:-1].copy()

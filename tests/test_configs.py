@@ -10,7 +10,18 @@ from omegaconf import OmegaConf
 
 from benchmark import command
 from benchmark.collect import CollectConfig
-from benchmark.config import BuildMapsConfig, LeaderboardConfig, OracleConfig, RunConfig, SelfCollisionConfig
+from benchmark.config import (
+    ApproximateIkConfig,
+    BuildMapsConfig,
+    CapabilityMapConfig,
+    FieldSensitivityConfig,
+    LeaderboardConfig,
+    OracleConfig,
+    PicturesConfig,
+    RunConfig,
+    SelfCollisionConfig,
+    ViewConfig,
+)
 from benchmark.train import TrainConfig
 
 SCHEMAS = {
@@ -22,6 +33,11 @@ SCHEMAS = {
     "collect": CollectConfig,
     "train": TrainConfig,
     "self_collision": SelfCollisionConfig,
+    "capability_map": CapabilityMapConfig,
+    "approximate_ik": ApproximateIkConfig,
+    "field_sensitivity": FieldSensitivityConfig,
+    "pictures": PicturesConfig,
+    "view": ViewConfig,
 }
 
 

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
+from scipy.ndimage import convolve
 
-from richmap.energy import EnergyField, EnergySettings, propagate, seed_cells
+from richmap.energy import SIX_NEIGHBOURS, EnergyField, EnergySettings, propagate, seed_cells
 from richmap.files import FileRefusedError
 from richmap.grid import Grid
 from richmap.similarity import SimilarityGrid
@@ -15,9 +16,24 @@ def field():
     return EnergyField(GRID, values, {"source": "a"})
 
 
-def a_similarity(mmd):
-    masks = np.zeros(GRID.n_cells, dtype=bool)
-    return SimilarityGrid(GRID, mmd, masks, masks)
+def a_similarity(mmd, one_sided=None):
+    one_sided = np.full(GRID.n_cells, np.nan) if one_sided is None else one_sided
+    masks = ~np.isnan(one_sided)
+    return SimilarityGrid(GRID, mmd, masks, np.zeros_like(masks), one_sided)
+
+
+def propagate_slow(seeds, step):
+    """The definition, looking at the whole grid for every layer."""
+
+    def neighbours(values):
+        return convolve(values.astype(float), SIX_NEIGHBOURS.astype(float), mode="constant")
+
+    energy, filled = np.zeros(seeds.shape), seeds.copy()
+    while not filled.all():
+        layer = ~filled & (neighbours(filled) > 0)
+        energy[layer] = (neighbours(energy * filled)[layer] / neighbours(filled)[layer]) + step
+        filled |= layer
+    return energy
 
 
 def test_the_wavefront_on_a_grid_worked_by_hand():
@@ -36,6 +52,13 @@ def test_the_wavefront_averages_unequal_neighbours():
     # (1,2) is in layer 2 with neighbours (1,1) = .01 and (2,2) = .01; (0,2) in layer 2 with (0,1) only.
     energy = propagate(seeds, 0.01)[:, :, 0]
     assert energy == pytest.approx(np.array([[0, 0.01, 0.02], [0.01, 0.01, 0.02], [0.01, 0, 0.01]]))
+
+
+@pytest.mark.parametrize("share", [0.001, 0.02, 0.5, 1.0])
+def test_the_wavefront_is_its_definition(share):
+    seeds = np.random.default_rng(0).random((14, 11, 9)) < share
+    seeds[3, 4, 5] = True
+    assert propagate(seeds, 0.01) == pytest.approx(propagate_slow(seeds, 0.01), abs=1e-15)
 
 
 def test_no_seed_is_an_error():
@@ -60,6 +83,33 @@ def test_empty_space_is_a_seed_only_when_asked():
     assert literal.sum() > 900 > seed_cells(a_similarity(mmd), EnergySettings()).sum()
 
 
+def test_squares_are_compared_with_their_own_mean():
+    mmd = np.full(GRID.n_cells, np.nan)
+    mmd[:10] = [0.1, 0.1, 0.1, 0.1, 0.1, 0.45, 0.45, 0.9, 0.9, 0.9]  # mean .41; of the squares .29 = .54^2
+    seeds = seed_cells(a_similarity(mmd), EnergySettings(central_radius=0.0))
+    assert np.flatnonzero(seeds).tolist() == [0, 1, 2, 3, 4]
+    seeds = seed_cells(a_similarity(mmd), EnergySettings(central_radius=0.0, discrepancy="mmd2"))
+    assert np.flatnonzero(seeds).tolist() == [0, 1, 2, 3, 4, 5, 6]
+
+
+def test_counted_one_sided_cells_raise_the_threshold_and_are_not_empty():
+    mmd, one_sided = np.full(GRID.n_cells, np.nan), np.full(GRID.n_cells, np.nan)
+    mmd[:10] = 0.1
+    mmd[10:20] = 0.3
+    one_sided[20:30] = 0.9
+    grid = a_similarity(mmd, one_sided)
+    masked = seed_cells(grid, EnergySettings(central_radius=0.0)).ravel()
+    counted = seed_cells(grid, EnergySettings(central_radius=0.0, one_sided="counted")).ravel()
+    assert masked.sum() == 10 and counted.sum() == 20
+    literal = seed_cells(grid, EnergySettings(central_radius=0.0, one_sided="counted", empty="seed")).ravel()
+    assert not literal[20:30].any() and literal[30:].all()
+
+
+def test_a_choice_that_does_not_exist_is_refused():
+    with pytest.raises(ValueError, match="empty='full' is none of unfilled, seed"):
+        EnergySettings(empty="full")
+
+
 def test_the_field_passes_through_its_cells(field):
     value, _ = field.value_and_gradient(GRID.centres()[100:120])
     assert value == pytest.approx(field.values.ravel()[100:120])
@@ -68,6 +118,7 @@ def test_the_field_passes_through_its_cells(field):
 def test_the_gradient_matches_finite_differences(field):
     points = np.random.default_rng(1).uniform(-0.4, 0.4, (50, 3))
     _, gradient = field.value_and_gradient(points)
+    assert (gradient == field.gradient(points)).all()
     h = 1e-6
     for axis in range(3):
         step = h * np.eye(3)[axis]

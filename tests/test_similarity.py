@@ -4,7 +4,7 @@ from scipy.spatial.transform import Rotation
 
 from richmap.grid import Grid, GridMismatchError
 from richmap.reachability_map import Construction, ReachabilityMap
-from richmap.similarity import kernel, mmd_squared, similarity
+from richmap.similarity import direction_moments, kernel, mmd_squared, similarity
 
 GRID = Grid((0.0, 0.0, 0.0), 0.5, (2, 2, 2))
 
@@ -21,12 +21,12 @@ def a_map(sets, grid=GRID):
     return ReachabilityMap.from_rows(grid, cell, rows, np.zeros((len(rows), 6), np.float32), about)
 
 
-def mmd_squared_slow(x, y):
+def mmd_squared_slow(x, y, scales):
     """The definition, pair after pair."""
 
     def k(u, v):
-        scales = [2 ** (m - 5 / 2) for m in range(1, 6)]
-        return sum(np.exp(-gamma * np.sum((u - v) ** 2)) for gamma in scales) / 5
+        gammas = [2 ** (m - scales / 2) for m in range(1, scales + 1)]
+        return sum(np.exp(-gamma * np.sum((u - v) ** 2)) for gamma in gammas) / scales
 
     def mean(a, b):
         return np.mean([[k(u, v) for v in b] for u in a])
@@ -34,17 +34,25 @@ def mmd_squared_slow(x, y):
     return mean(x, x) - 2 * mean(x, y) + mean(y, y)
 
 
-def test_the_sum_over_pairs_is_the_definition():
+@pytest.mark.parametrize("scales", [1, 5])
+def test_the_sum_over_pairs_is_the_definition(scales):
     x, y = directions(12, 0), directions(17, 1)
-    assert mmd_squared(x, y) == pytest.approx(mmd_squared_slow(x, y), rel=1e-12)
+    assert mmd_squared(x, y, scales) == pytest.approx(mmd_squared_slow(x, y, scales), rel=1e-12)
 
 
-def test_harmonics_give_the_sum_over_pairs():
+@pytest.mark.parametrize(("scales", "error"), [(3, 1e-4), (5, 1e-4), (7, 1e-2)])
+def test_harmonics_give_the_sum_over_pairs(scales, error):
     sets = {c: directions(20 + 60 * c, c, spread=1 + c) for c in range(6)}
     others = {c: directions(300 - 40 * c, 10 + c) for c in range(6)}
-    fast = similarity(a_map(sets), a_map(others)).mmd
+    fast = similarity(a_map(sets), a_map(others), scales=scales).mmd
     for c in range(6):
-        assert fast[c] ** 2 == pytest.approx(mmd_squared(sets[c], others[c]), rel=1e-4)
+        assert fast[c] ** 2 == pytest.approx(mmd_squared(sets[c], others[c], scales), rel=error)
+
+
+def test_moments_stand_for_their_map():
+    a, b = a_map({0: directions(50, 0), 1: directions(9, 1)}), a_map({0: directions(40, 2), 2: directions(9, 3)})
+    by_moments = similarity(direction_moments(a), direction_moments(b))
+    assert np.array_equal(by_moments.mmd, similarity(a, b).mmd, equal_nan=True)
 
 
 def test_a_map_equals_itself_and_similarity_is_symmetric():
@@ -65,12 +73,13 @@ def test_turning_both_robots_together_changes_nothing():
 
 
 def test_cells_that_one_robot_or_none_fills_are_masks_not_numbers():
-    grid = similarity(
-        a_map({0: directions(5, 0), 1: directions(5, 1)}), a_map({1: directions(5, 2), 2: directions(5, 3)})
-    )
+    alone = directions(5, 0)
+    grid = similarity(a_map({0: alone, 1: directions(5, 1)}), a_map({1: directions(5, 2), 2: directions(5, 3)}))
     assert np.flatnonzero(~np.isnan(grid.mmd)).tolist() == [1]
     assert np.flatnonzero(grid.only_source).tolist() == [0]
     assert np.flatnonzero(grid.only_target).tolist() == [2]
+    assert np.flatnonzero(~np.isnan(grid.one_sided)).tolist() == [0, 2]
+    assert grid.one_sided[0] ** 2 == pytest.approx(kernel(alone @ alone.T).mean(), rel=1e-4)
 
 
 def test_the_kernel_is_one_for_equal_directions_and_falls_with_the_angle():

@@ -1,0 +1,120 @@
+"""Capability maps from the cache, built on first use: the paper's counterpart with full orientations per cell.
+
+python -m benchmark.capability_map robot=panda
+"""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from benchmark.command import run_command
+from benchmark.config import CapabilityMapConfig
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from richmap.capability_construction import CapabilityProgress
+    from richmap.capability_map import CapabilityMap
+    from richmap.robot import RobotDescription
+
+PAPER_INSERTED = {"panda": 10_700_000, "iiwa7": 9_800_000, "ur5e": 16_400_000, "gen3": 9_100_000}
+"""Orientations in the paper's capability maps (RichMap, Table 1), at cells of 0.05 m and theta = 0.4 rad."""
+
+
+def main(config: CapabilityMapConfig) -> None:
+    """Build what is missing and say where it is."""
+    from rich.console import Console
+
+    capability_map(config.robot.load(), config, Console())
+
+
+def capability_map(description: "RobotDescription", config: CapabilityMapConfig, console: "Console") -> "CapabilityMap":
+    """The capability map of a robot, built if it is not in the cache."""
+    import platformdirs
+
+    from benchmark.cache import cached, fingerprint
+    from richmap import (
+        capability_construction,
+        capability_map,
+        collision,
+        grid,
+        kinematics,
+        robot,
+        rotations,
+        sampling,
+        shape,
+    )
+
+    name = description.name
+    target = PAPER_INSERTED.get(name, 0) if config.target is None else config.target
+    cells = grid.Grid.around_base(config.cell_size, config.half_width, config.z_offset)
+    settings = config.theta, config.seed, config.draw, config.turns, config.stop_rate, target
+    asked = capability_map.CapabilityConstruction(name, description.fingerprint, *settings)
+    code = [
+        capability_construction, capability_map, collision, grid, kinematics, robot, rotations, sampling, shape,
+    ]  # fmt: skip
+    key = fingerprint({"grid": asdict(cells), "construction": asdict(asked)}, code)
+    file = f"capability_maps/{name}-{key[:16]}.safetensors"
+    unfinished = Path(platformdirs.user_cache_dir("richmap"), file).with_suffix(".unfinished")
+
+    def build() -> capability_map.CapabilityMap:
+        with CapabilityBar(name, config.stop_rate, target, console) as bar:
+            return capability_construction.build_capability_map(
+                description, cells, asked, config.workers, bar.report, unfinished
+            )
+
+    built, path = cached(file, lambda path: capability_map.CapabilityMap.load(path, description), build)
+    reached = built.construction
+    console.print(
+        f"Capability map of {name}: {built.inserted / 1e6:.2f} M orientations in {100 * built.occupancy:.1f} % of the "
+        f"cells, {built.avg_per_cell:.0f} per cell; {100 * built.insertion_rate:.1f} % of {reached.offered / 1e6:.0f} "
+        f"M poses, {100 * reached.batch_rate:.2f} % of the last draw; {built.bytes_memory / 1e6:.0f} MB. {path}",
+        soft_wrap=True,
+    )
+    return built
+
+
+class CapabilityBar:
+    """Live state of a build: the insertion rate falls towards its threshold, and the count rises to its target."""
+
+    def __init__(self, robot: str, stop_rate: float, target: int, console: "Console") -> None:
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+        self._stop_rate, self._target = stop_rate, target
+        self._progress = Progress(
+            TextColumn(f"Capability map of {robot}"),
+            BarColumn(),
+            TextColumn("insertion rate {task.fields[rate]:.2%}"),
+            TextColumn("{task.fields[millions]:.2f} M orientations, {task.fields[occupancy]:.1%} of cells"),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=console,
+        )
+        self._task = self._progress.add_task("", total=1.0, rate=1.0, millions=0.0, occupancy=0.0)
+
+    def __enter__(self) -> "CapabilityBar":
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def report(self, progress: "CapabilityProgress") -> None:
+        """The insertion rate falls about as 1 / poses, so the share done is stop rate over rate, or that of the count.
+
+        Near the target the count grows ever more slowly: with n of N it takes about (n / N)^2 of the time.
+        """
+        done = self._stop_rate / max(progress.batch_rate, 1e-9)
+        if self._target:
+            done = max(done, (progress.inserted / self._target) ** 2)
+        self._progress.update(
+            self._task,
+            completed=min(done, 1.0),
+            rate=progress.batch_rate,
+            millions=progress.inserted / 1e6,
+            occupancy=progress.occupancy,
+        )
+
+
+if __name__ == "__main__":
+    run_command(main, CapabilityMapConfig, "capability_map")

@@ -1,0 +1,335 @@
+"""The stored direction nearest to a pose's, exactly, without looking through all that its cell holds."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import no_type_check
+
+import numba
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt
+
+from richmap.directions import _corners as bin_corners
+from richmap.directions import bin_of
+from richmap.grid import Grid
+
+BLOCKS_PER_EDGE = 5
+"""Blocks of directions along an edge of a cube's face: two or three directions in each, in a full cell at 0.1 rad."""
+
+BLOCKS = 6 * BLOCKS_PER_EDGE**2
+
+EMPTY = -1
+
+PART = 1 << 18
+"""Queries that are put in the order of cells at once, so that what a cell holds is read from memory once."""
+
+
+@dataclass(frozen=True)
+class DirectionIndex:
+    """The directions of a map, of each cell by blocks of the sphere.
+
+    A search visits the blocks from the one that holds the pose's direction outwards and ends where no block can hold
+    a nearer one. Answers are those of a scan of the whole cell, bit for bit: the same float32 dot products, and of
+    equally near directions the first.
+    """
+
+    grid: Grid
+    slot: Int[np.ndarray, " cells"]
+    """For each cell its number among the filled ones; -1 for an empty one."""
+    start: Int[np.ndarray, " filled"]
+    """For each filled cell the place of its first direction."""
+    offsets: UInt[np.ndarray, "filled blocks1"]
+    """Within a filled cell, the places of block b are `offsets[b]` to `offsets[b + 1]`, from the cell's first."""
+    directions: Float[np.ndarray, "n 3"]
+    """Unit vectors by cell and block."""
+    rows: Int[np.ndarray, " m"]
+    """For each place the row of the map; empty if the map's rows are in this order already."""
+
+    @classmethod
+    def build(
+        cls, grid: Grid, start: Int[np.ndarray, " cells1"], directions: Float[np.ndarray, "n 3"]
+    ) -> "DirectionIndex":
+        """Index directions that are sorted by cell.
+
+        Args:
+            grid: The map's cells.
+            start: Directions of flat cell c are rows `start[c]` to `start[c + 1]`.
+            directions: Unit vectors, float32. They are kept, not copied, where each cell's are sorted by `block_of`.
+
+        Raises:
+            ValueError: If a cell holds more than 65,535 directions.
+        """
+        count = np.diff(start)
+        if count.max(initial=0) > np.iinfo(np.uint16).max:
+            raise ValueError(
+                f"A cell holds {count.max()} directions; the index takes up to 65535. Take a larger theta."
+            )
+        cells = np.flatnonzero(count)
+        slot = np.full(grid.n_cells, EMPTY, dtype=np.int32)
+        slot[cells] = np.arange(len(cells), dtype=np.int32)
+        first, last = start[cells], start[cells + 1]
+        offsets, in_order = _count_blocks(first, last, directions)
+        rows = np.empty(0, dtype=np.int32)
+        if not in_order.all():
+            rows = _sort_by_block(first, last, directions, offsets)
+            directions = directions[rows]
+        return cls(grid, slot, first, offsets, directions, rows)
+
+    def nearest(
+        self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
+    ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Nearest stored direction in the cell of each pose.
+
+        Args:
+            positions: In the map's frame, in [m].
+            directions: Unit vectors in the map's frame; float32 is taken as it is.
+
+        Returns:
+            Row of the map (-1 where the cell is empty or outside the grid), and the cosine of the angle to it (-2
+            where there is none).
+        """
+        directions = directions.astype(np.float32, copy=False)
+        return _nearest(positions, directions, *self._cells, *self._stored, self.rows, *blocks())
+
+    def within(
+        self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"], angle: float
+    ) -> Bool[np.ndarray, " n"]:
+        """Whether the cell of each pose holds a direction nearer than `angle`, in [rad]; outside the grid never.
+
+        Nearer is what the `Inserter` takes for it: the cosine in float32 is above that of `angle`.
+        """
+        directions = directions.astype(np.float32, copy=False)
+        cosine = np.float32(np.cos(angle))
+        return _within(positions, directions, *self._cells, *self._stored, cosine, *blocks())
+
+    @property
+    def nbytes(self) -> int:
+        """Memory in bytes, the directions included."""
+        arrays = self.slot, self.start, self.offsets, self.directions, self.rows
+        return sum(array.nbytes for array in arrays)
+
+    @property
+    def _cells(self):
+        return np.array(self.grid.origin), self.grid.cell_size, np.array(self.grid.shape), self.slot
+
+    @property
+    def _stored(self):
+        return self.start, self.offsets, self.directions
+
+
+def block_of(directions: Float[np.ndarray, "n 3"]) -> UInt[np.ndarray, " n"]:
+    """Block of each unit vector: rows of a map that are sorted by cell and by this need no copy in the index."""
+    return _block_of_each(directions)
+
+
+@lru_cache
+def blocks():
+    """Where blocks are and how far apart.
+
+    Returns:
+        Unit vectors to their centres; cosine and sine of the angle within which a block lies about its centre; for
+        each block all blocks, the ones that may hold the nearest directions first, and the greatest cosine between
+        directions of the two.
+    """
+    corners = bin_corners(BLOCKS_PER_EDGE)
+    centre = corners.mean(1)
+    centre /= np.linalg.norm(centre, axis=1, keepdims=True)
+    slack = 1e-4  # for rounding
+    radius = np.arccos(np.einsum("bki,bi->bk", corners, centre)).max() + slack
+    angle = np.arccos(np.clip(centre @ centre.T, -1, 1))
+    np.fill_diagonal(angle, -1)
+    order = np.argsort(angle, axis=1, kind="stable")
+    least = np.maximum(np.take_along_axis(angle, order, 1) - 2 * radius, 0)
+    as_float = np.float32
+    return (
+        centre.astype(as_float),
+        as_float(np.cos(radius)),
+        as_float(np.sin(radius)),
+        order.astype(np.uint8),
+        (np.cos(least) + 1e-6).astype(as_float),
+    )
+
+
+@numba.njit(cache=True, inline="always", error_model="numpy")
+@no_type_check
+def cell_of(x, y, z, origin, cell_size, shape):
+    """Flat index of the cell that holds a point; -1 outside the grid (`Grid.cells_of`)."""
+    i = np.floor((x - origin[0]) / cell_size)
+    j = np.floor((y - origin[1]) / cell_size)
+    k = np.floor((z - origin[2]) / cell_size)
+    inside = (i >= 0) & (j >= 0) & (k >= 0) & (i < shape[0]) & (j < shape[1]) & (k < shape[2])
+    return np.int64((i * shape[1] + j) * shape[2] + k) if inside else np.int64(-1)
+
+
+@numba.njit(cache=True, inline="always", error_model="numpy")
+@no_type_check
+def _slot_of(point, origin, cell_size, shape, slot):
+    cell = cell_of(point[0], point[1], point[2], origin, cell_size, shape)
+    return slot[cell] if cell >= 0 else EMPTY
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+@no_type_check
+def _by_slot(positions, origin, cell_size, shape, slot, filled):
+    """Slot of each position, and an order in which those of a cell are together; empty cells are left out."""
+    slots = np.empty(len(positions), dtype=np.int32)
+    n = 0
+    for i in range(len(positions)):
+        slots[i] = _slot_of(positions[i], origin, cell_size, shape, slot)
+        n += slots[i] >= 0
+    order = np.empty(n, dtype=np.int32)
+    place = np.zeros(filled + 1, dtype=np.int32)
+    if len(positions) < filled:
+        n = 0
+        for i in range(len(positions)):
+            if slots[i] >= 0:
+                order[n] = i
+                n += 1
+        return slots, order
+    for i in range(len(positions)):
+        place[slots[i] + 1] += slots[i] >= 0
+    place[0] = 0
+    for s in range(filled):
+        place[s + 1] += place[s]
+    for i in range(len(positions)):
+        s = slots[i]
+        if s >= 0:
+            order[place[s]] = i
+            place[s] += 1
+    return slots, order
+
+
+@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
+@no_type_check
+def _nearest(
+    positions, queries, origin, cell_size, shape, slot, start, offsets, directions, rows, centre, cr, sr, order, limit
+):
+    found = np.full(len(queries), -1, dtype=np.int64)
+    cosines = np.full(len(queries), -2.0, dtype=np.float32)
+    for part in numba.prange((len(queries) + PART - 1) // PART):
+        begin, end = part * PART, min((part + 1) * PART, len(queries))
+        slots, sequence = _by_slot(positions[begin:end], origin, cell_size, shape, slot, len(start))
+        for n in range(len(sequence)):
+            i = begin + sequence[n]
+            s = slots[sequence[n]]
+            x, y, z = queries[i]
+            place, cosines[i], tied = _search(x, y, z, start[s], offsets[s], directions, centre, cr, sr, order, limit)
+            if tied:
+                found[i] = _first_of(x, y, z, cosines[i], start[s], start[s] + offsets[s, BLOCKS], directions, rows)
+            else:
+                found[i] = rows[place] if len(rows) else place
+    return found, cosines
+
+
+@numba.njit(cache=True, error_model="numpy")
+@no_type_check
+def _search(x, y, z, begin, offsets, directions, centre, cr, sr, order, limit):
+    """Place of the nearest direction of a cell, the cosine, and whether another one is as near."""
+    b = bin_of(x, y, z, BLOCKS_PER_EDGE)
+    best, nearest, tied, enough = np.float32(-2), begin, False, np.float32(-2)
+    for k in range(BLOCKS):
+        if best > limit[b, k]:
+            break
+        t = order[b, k]
+        first, last = offsets[t], offsets[t + 1]
+        if (first == last) | (x * centre[t, 0] + y * centre[t, 1] + z * centre[t, 2] < enough):
+            continue
+        before = best
+        for place in range(begin + first, begin + last):
+            cosine = x * directions[place, 0] + y * directions[place, 1] + z * directions[place, 2]
+            nearer = cosine > best
+            tied = (cosine == best) | (tied & (not nearer))
+            best = cosine if nearer else best
+            nearest = place if nearer else nearest
+        if best > before:
+            # A block whose centre is farther than the best direction and its radius together holds no nearer one.
+            sine = np.sqrt(max(np.float32(1) - best * best, np.float32(0)))
+            enough = best * cr - sine * sr - np.float32(1e-6) if best > -cr else np.float32(-2)
+    return nearest, best, tied
+
+
+@numba.njit(cache=True, error_model="numpy")
+@no_type_check
+def _first_of(x, y, z, best, begin, end, directions, rows):
+    """First row of the map among a cell's equally near directions."""
+    found = np.int64(-1)
+    for place in range(begin, end):
+        if x * directions[place, 0] + y * directions[place, 1] + z * directions[place, 2] == best:
+            row = rows[place] if len(rows) else place
+            if found < 0 or row < found:
+                found = row
+    return found
+
+
+@numba.njit(cache=True, inline="always", error_model="numpy")
+@no_type_check
+def any_within(x, y, z, first, offsets, directions, cosine, order, limit):
+    """Whether one of a cell's directions has a greater cosine with (x, y, z)."""
+    b = bin_of(x, y, z, BLOCKS_PER_EDGE)
+    for k in range(BLOCKS):
+        if cosine > limit[b, k]:
+            return False
+        t = order[b, k]
+        for place in range(first + offsets[t], first + offsets[t + 1]):
+            if x * directions[place, 0] + y * directions[place, 1] + z * directions[place, 2] > cosine:
+                return True
+    return False
+
+
+@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
+@no_type_check
+def _within(
+    positions, queries, origin, cell_size, shape, slot, start, offsets, directions, cosine, centre, cr, sr, order, limit
+):
+    found = np.zeros(len(queries), dtype=np.bool_)
+    for part in numba.prange((len(queries) + PART - 1) // PART):
+        begin, end = part * PART, min((part + 1) * PART, len(queries))
+        slots, sequence = _by_slot(positions[begin:end], origin, cell_size, shape, slot, len(start))
+        for n in range(len(sequence)):
+            i, s = begin + sequence[n], slots[sequence[n]]
+            x, y, z = queries[i]
+            found[i] = any_within(x, y, z, start[s], offsets[s], directions, cosine, order, limit)
+    return found
+
+
+@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
+@no_type_check
+def _block_of_each(directions):
+    block = np.empty(len(directions), dtype=np.uint8)
+    for i in numba.prange(len(directions)):
+        x, y, z = directions[i]
+        block[i] = bin_of(x, y, z, BLOCKS_PER_EDGE)
+    return block
+
+
+@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
+@no_type_check
+def _count_blocks(first, last, directions):
+    """Offsets of each cell's blocks, and whether its directions are sorted by block."""
+    offsets = np.zeros((len(first), BLOCKS + 1), dtype=np.uint16)
+    in_order = np.ones(len(first), dtype=np.bool_)
+    for c in numba.prange(len(first)):
+        before = 0
+        for row in range(first[c], last[c]):
+            x, y, z = directions[row]
+            b = bin_of(x, y, z, BLOCKS_PER_EDGE)
+            offsets[c, b + 1] += 1
+            in_order[c] &= b >= before
+            before = b
+        for b in range(BLOCKS):
+            offsets[c, b + 1] += offsets[c, b]
+    return offsets, in_order
+
+
+@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
+@no_type_check
+def _sort_by_block(first, last, directions, offsets):
+    """Rows by cell and block; within a block their order is kept."""
+    rows = np.empty(len(directions), dtype=np.int32)
+    for c in numba.prange(len(first)):
+        place = offsets[c].astype(np.int64)
+        for row in range(first[c], last[c]):
+            x, y, z = directions[row]
+            b = bin_of(x, y, z, BLOCKS_PER_EDGE)
+            rows[first[c] + place[b]] = row
+            place[b] += 1
+    return rows
