@@ -393,6 +393,70 @@ class ApproximateIkConfig:
 
 
 @dataclass
+class VerifyMapsConfig:
+    """Scores an arm's maps on poses that inverse kinematics has labelled, beside the paper's figures."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom; its rows replace older ones in the tables."""
+    poses: int = 200_000
+    """Poses of each test set; a larger number adds to those that are in the cache. A whole number >= 100."""
+    checked: int = 5_000
+    """Poses of each test set whose labels are checked with ten times the effort; a whole number >= 100."""
+    workers: int = 2
+    """Processes that label and sample; results do not depend on it. A whole number >= 1."""
+    output_dir: str = "results"
+    """Folder of verify_maps.parquet, verify_labels.parquet and verify_maps.md."""
+    map: MapConfig = field(default_factory=lambda: MapConfig(stop_rate=0.01))
+    """The map of directions; its z_offset is the paper's for the arm, whatever is set."""
+
+    def __post_init__(self) -> None:
+        for name, least in (("poses", 100), ("checked", 100), ("workers", 1)):
+            check_setting(getattr(self, name) >= least, name, getattr(self, name), f"a whole number >= {least}")
+        check_folder(self.output_dir)
+
+
+@dataclass
+class SpeedConfig:
+    """Measures queries, construction and MMD beside the paper's batched matrix products, in one run."""
+
+    robots: list[str] = field(default_factory=lambda: ["panda", "iiwa7", "ur5e", "gen3"])
+    """Arms, as in robots=[panda,ur5e]; MMD is that of the first one and each of the others."""
+    batches: list[int] = field(default_factory=lambda: [100, 10_000, 1_000_000, 2_000_000])
+    """Numbers of queries asked at once; whole numbers >= 1."""
+    insertion_batches: list[int] = field(default_factory=lambda: [10_000, 1_000_000])
+    """Numbers of poses offered at once; whole numbers >= 1."""
+    sampled: int = 20_000
+    """Configurations drawn at once for the speed of sampling; a whole number >= 1."""
+    pairwise_cells: int = 400
+    """Cells in which MMD is summed over all pairs; a whole number >= 1."""
+    threads: list[int] = field(default_factory=lambda: [1, 2])
+    """Numbers of threads; whole numbers from 1 to the number of processors."""
+    repeats: int = 3
+    """Measurements of which the least counts; a whole number >= 1."""
+    device: str = "auto"
+    """Where the matrix products run: cpu, cuda, or auto (cuda if there is one)."""
+    seed: int = 1000
+    """Seed of queries and poses; a whole number >= 0."""
+    workers: int = 2
+    """Processes that sample where a map is to be built; a whole number >= 1."""
+    output_dir: str = "results"
+    """Folder of speed.parquet and speed.md."""
+    map: MapConfig = field(default_factory=lambda: MapConfig(stop_rate=0.01))
+
+    def __post_init__(self) -> None:
+        for name in ("batches", "insertion_batches", "threads"):
+            values = getattr(self, name)
+            check_setting(bool(values) and min(values) >= 1, name, values, "whole numbers >= 1")
+        most = os.cpu_count() or 1
+        check_setting(max(self.threads) <= most, "threads", self.threads, f"whole numbers from 1 to {most}")
+        for name in ("sampled", "pairwise_cells", "repeats", "workers"):
+            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
+        check_setting(self.device in ("cpu", "cuda", "auto"), "device", self.device, "cpu, cuda, auto")
+        check_folder(self.output_dir)
+
+
+@dataclass
 class LeaderboardConfig:
     """Turns the episodes table into LEADERBOARD.md, both in `output_dir`."""
 

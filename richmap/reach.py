@@ -64,7 +64,7 @@ def _longest_chain(
     """
     frames = joint_frames(robot)
 
-    def lengths(along: Float[np.ndarray, " dof"]) -> Float[np.ndarray, " dof"]:
+    def lengths(along: Float[np.ndarray, " dof"]) -> Float[np.ndarray, " lines"]:
         ends = frames[1:-1, :, 3] + frames[1:-1, :, 2] * along[1:, None]
         ends[:, 2] -= along[:-1]
         return np.linalg.norm(ends, axis=1)

@@ -20,6 +20,7 @@ from benchmark.config import (
     PicturesConfig,
     RunConfig,
     SelfCollisionConfig,
+    VerifyMapsConfig,
     ViewConfig,
 )
 from benchmark.train import TrainConfig
@@ -33,6 +34,7 @@ SCHEMAS = {
     "collect": CollectConfig,
     "train": TrainConfig,
     "self_collision": SelfCollisionConfig,
+    "verify_maps": VerifyMapsConfig,
     "capability_map": CapabilityMapConfig,
     "approximate_ik": ApproximateIkConfig,
     "field_sensitivity": FieldSensitivityConfig,

@@ -1,0 +1,250 @@
+"""Accuracy, TPR and FPR of an arm's maps on test poses that inverse kinematics has labelled, beside the paper's.
+
+python -m benchmark.verify_maps robot=panda
+"""
+
+import os
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from benchmark.command import run_command
+from benchmark.config import VerifyMapsConfig
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pandas as pd
+    from rich.console import Console
+
+    from benchmark.labels import LabelledPoses
+    from richmap.robot import RobotDescription
+
+BATCHES = (100, 10_000, 1_000_000, 2_000_000)
+"""Poses asked for at once when queries are timed."""
+
+KEY = ["robot", "map", "cell_size", "test_set", "labels"]
+"""What one row of the table is about."""
+
+RATES = ("accuracy", "tpr", "fpr")
+
+
+@dataclass(frozen=True)
+class VerifiedMap:
+    """A map as the tables see it: what it answers, how it was made, and what it takes."""
+
+    name: str
+    reachable: "Callable[[np.ndarray, np.ndarray], np.ndarray]"
+    """Whether each pose is reachable: positions (n, 3) in the base frame, in [m], orientations (n, 3, 3) -> (n,)."""
+    cell_size: float
+    """In [m]."""
+    inserted: int
+    """Directions, orientations or marked cells that are stored."""
+    occupancy: float
+    """Fraction of the grid's cells that hold any."""
+    insertion_rate: float
+    """Fraction of all poses offered that were stored."""
+    build_s: float
+    """Wall time of the build, in [s]; NaN where it is not known."""
+    bytes_memory: int
+    bytes_disk: int
+    cells: int
+    """Cells of the grid."""
+
+    @property
+    def avg_per_cell(self) -> float:
+        """Mean number of stored items in a cell that holds any."""
+        return self.inserted / max(self.occupancy * self.cells, 1)
+
+
+def reachability_map(robot: "RobotDescription", config: VerifyMapsConfig, console: "Console") -> VerifiedMap:
+    """The map of directions, theta apart, in the paper's workspace."""
+    from benchmark.build_maps import robot_map
+    from benchmark.poses import paper_z_offset
+
+    settings = replace(config.map, z_offset=paper_z_offset(robot))
+    built = robot_map(robot, (0.0, 0.0, 0.0), settings, config.workers, console)
+    size = sum(array.nbytes for array in (built.start, built.directions, built.joints))
+    return VerifiedMap(
+        name="richmap",
+        reachable=lambda positions, rotations: built.reachable(positions, rotations[:, :, 2]),
+        cell_size=built.grid.cell_size,
+        inserted=built.inserted,
+        occupancy=built.occupancy,
+        insertion_rate=built.inserted / built.construction.offered,
+        build_s=float("nan"),
+        bytes_memory=size,
+        bytes_disk=size,  # The file holds the arrays as they are.
+        cells=built.grid.n_cells,
+    )
+
+
+MAPS: tuple[Callable[["RobotDescription", VerifyMapsConfig, "Console"], VerifiedMap], ...] = (reachability_map,)
+"""What is verified. Each gives a map from the cache, built if it is not there; thresholds are chosen on the validation
+split (`labelled(robot, "hard", "validation", ...)`)."""
+
+
+def main(config: VerifyMapsConfig) -> None:
+    """Label the test poses, build what is missing, and write the tables."""
+    from rich.console import Console
+
+    from benchmark.labels import TEST_SETS
+
+    console, output_dir = Console(), Path(config.output_dir)
+    robot = config.robot.load()
+    poses = {test_set: label_poses(robot, test_set, config, console) for test_set in TEST_SETS}
+    for test_set, labelled in poses.items():
+        with console.status(f"Checking the labels of {robot.name}, {test_set}"):
+            store(
+                output_dir / "verify_labels.parquet",
+                [labels_row(robot, test_set, labelled, config)],
+                KEY[:1] + KEY[3:4],
+            )
+    for build in MAPS:
+        verified = build(robot, config, console)
+        rows = verify(robot, verified, poses)
+        table = store(output_dir / "verify_maps.parquet", rows, KEY)
+        for row in rows:
+            console.print(
+                f"{row['robot']} {row['map']} {row['cell_size']} m, {row['test_set']} {row['labels']}: accuracy "
+                f"{row['accuracy']:.4f}, TPR {row['tpr']:.4f}, FPR {row['fpr']:.4f}",
+                soft_wrap=True,
+            )
+        report(output_dir, table)
+    console.print(f"Tables: {output_dir / 'verify_maps.md'}", soft_wrap=True)
+
+
+def label_poses(
+    robot: "RobotDescription", test_set: str, config: VerifyMapsConfig, console: "Console"
+) -> "LabelledPoses":
+    """The test split of a set, from the cache as far as it is there."""
+    from benchmark.labels import labelled
+    from benchmark.progress import progress_bar
+
+    with progress_bar(console) as progress:
+        task = progress.add_task(f"Test poses of {robot.name}, {test_set}", total=config.poses)
+        return labelled(
+            robot, test_set, "test", config.poses, config.workers, lambda done: progress.update(task, completed=done)
+        )
+
+
+def labels_row(
+    robot: "RobotDescription", test_set: str, labelled: "LabelledPoses", config: VerifyMapsConfig
+) -> dict[str, object]:
+    """What a test set consists of, and how far its labels can be trusted."""
+    import numpy as np
+
+    from benchmark.label_errors import label_errors
+    from benchmark.labels import LABELS
+
+    row = {"robot": robot.name, "test_set": test_set, "n": len(labelled), "robot_fingerprint": robot.fingerprint}
+    row |= {f"reachable_{name}": float(getattr(labelled, name).mean()) for name in LABELS}
+    row |= {f"drawn_{kind.replace(' ', '_')}": count for kind, count in labelled.drawn.items()}
+    return row | label_errors(robot, labelled, config.checked, np.random.default_rng(0))
+
+
+def verify(
+    robot: "RobotDescription", verified: VerifiedMap, poses: "dict[str, LabelledPoses]"
+) -> list[dict[str, object]]:
+    """A row for each test set and each kind of label."""
+    from benchmark.labels import LABELS
+
+    about = {name: getattr(verified, name) for name in ("cell_size", "inserted", "occupancy", "avg_per_cell")}
+    about |= {name: getattr(verified, name) for name in ("insertion_rate", "build_s", "bytes_memory", "bytes_disk")}
+    about = {"robot": robot.name, "map": verified.name, **about, **query_times(verified, next(iter(poses.values())))}
+    rows = []
+    for test_set, labelled in poses.items():
+        predicted = verified.reachable(labelled.positions, labelled.rotations)
+        for labels in LABELS:
+            truth = getattr(labelled, labels)
+            rows.append({**about, "test_set": test_set, "labels": labels, **scores(predicted, truth)})
+    return rows
+
+
+def scores(predicted: "np.ndarray", truth: "np.ndarray") -> dict[str, float]:
+    """Accuracy, true and false positive rate with Wilson intervals; NaN where there is no pose of a kind."""
+    from benchmark.statistics import rate_interval
+
+    row = {"n": len(truth), "n_reachable": int(truth.sum())}
+    for name, hits in (("accuracy", predicted == truth), ("tpr", predicted[truth]), ("fpr", predicted[~truth])):
+        nan = float("nan")
+        row[name] = float(hits.mean()) if len(hits) else nan
+        row[f"{name}_low"], row[f"{name}_high"] = rate_interval(hits.astype(float)) if len(hits) else (nan, nan)
+    return row
+
+
+def query_times(verified: VerifiedMap, labelled: "LabelledPoses") -> dict[str, float]:
+    """Seconds per pose for each batch size, the best of some repeats, on the poses of a test set over and over."""
+    import numpy as np
+
+    rotations, times = labelled.rotations, {}
+    for batch in BATCHES:
+        rows = np.resize(np.arange(len(labelled)), batch)
+        positions, oriented = labelled.positions[rows], rotations[rows]
+        verified.reachable(positions[:100], oriented[:100])
+        seconds = []
+        for _ in range(20 if batch <= 10_000 else 3):
+            start = time.perf_counter()
+            verified.reachable(positions, oriented)
+            seconds.append(time.perf_counter() - start)
+        times[f"query_{batch:.0e}_s".replace("+0", "")] = min(seconds) / batch
+    return times
+
+
+def metrics_over_construction(snapshots: Iterable[VerifiedMap], labelled: "LabelledPoses") -> "pd.DataFrame":
+    """The paper's figure as a table: a row of scores on strict labels for each snapshot of a map under construction."""
+    import pandas as pd
+
+    rotations, rows = labelled.rotations, []
+    for snapshot in snapshots:
+        predicted = snapshot.reachable(labelled.positions, rotations)
+        row = {"inserted": snapshot.inserted, "insertion_rate": snapshot.insertion_rate}
+        rows.append({**row, **scores(predicted, labelled.strict)})
+    return pd.DataFrame(rows)
+
+
+def draw_metrics(curves: "dict[str, pd.DataFrame]", path: Path) -> None:
+    """Accuracy, TPR, FPR and insertion rate against inserted poses, one line per map."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, 4, figsize=(14, 3.2), layout="constrained")
+    names = {"accuracy": "Accuracy", "tpr": "TPR", "fpr": "FPR", "insertion_rate": "Insertion rate"}
+    for axis, (column, title) in zip(axes, names.items(), strict=True):
+        for label, curve in curves.items():
+            axis.plot(curve["inserted"] / 1e6, curve[column], label=label)
+        axis.set(title=title, xlabel="Inserted, in millions")
+        axis.grid(alpha=0.3)
+    axes[-1].set_yscale("log")
+    axes[0].legend()
+    figure.savefig(path)
+    plt.close(figure)
+
+
+def store(file: Path, rows: list[dict[str, object]], key: list[str]) -> "pd.DataFrame":
+    """Add rows to a table, in place of older ones about the same."""
+    import pandas as pd
+
+    table = pd.DataFrame(rows)
+    if file.exists():
+        table = pd.concat([pd.read_parquet(file), table])
+    table = table.drop_duplicates(key, keep="last").sort_values(key, ignore_index=True)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    temporary = file.with_suffix(".tmp")
+    table.to_parquet(temporary, index=False)
+    os.replace(temporary, file)
+    return table
+
+
+def report(output_dir: Path, table: "pd.DataFrame") -> None:
+    """Write the tables for people."""
+    import pandas as pd
+
+    from benchmark.verification_report import markdown
+
+    labels = pd.read_parquet(output_dir / "verify_labels.parquet")
+    (output_dir / "verify_maps.md").write_text(markdown(table, labels))
+
+
+if __name__ == "__main__":
+    run_command(main, VerifyMapsConfig, "verify_maps")
