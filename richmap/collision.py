@@ -187,7 +187,7 @@ class SelfCollision:
         self._swaths: dict[tuple[int, int], pinocchio.GeometryModel] = {}
         if not base:
             self._envelope, self._core = [], _with_pairs(self._geometry, [])
-            self._solid, self._near_at = np.zeros((0, 3)), {}
+            self._solid, self._near_at, self._protrusions = np.zeros((0, 3)), {}, trimesh.Trimesh()
             return
         self._axis = self._model.jointPlacements[1] * z_to_axis(self._model.joints[1])
         frame = {link: self._model.frames[self._model.getFrameId(link)].placement for link in base}

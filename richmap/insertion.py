@@ -7,7 +7,17 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
-from richmap.directions import bin_on_face, bins_per_edge, capacity_bound, code_of, decode, face_of, neighbour_bins
+from richmap.direction_index import BLOCKS, BLOCKS_PER_EDGE
+from richmap.directions import (
+    bin_of,
+    bin_on_face,
+    bins_per_edge,
+    capacity_bound,
+    code_of,
+    decode,
+    face_of,
+    neighbour_bins,
+)
 from richmap.grid import Grid
 from richmap.sampling import Orbits
 
@@ -109,14 +119,14 @@ class Inserter:
     ) -> tuple[
         Int[np.ndarray, " cells1"], Float[np.ndarray, "n 3"], UInt[np.ndarray, "n dof"], UInt[np.ndarray, "n 2"] | None
     ]:
-        """First row of each cell, and direction, configuration and gap of each row, sorted by cell and bin.
+        """First row of each cell, and direction, configuration and gap of each row, sorted by cell and block.
 
         Nothing can be inserted afterwards: the tables are given back, since fine maps fill half of a memory.
         """
         bins = self._table.shape[1]
         del self._table
         slot, codes, joints = (rows[: self.inserted] for rows in (self._slot, self._codes, self._joints))
-        order = np.argsort(slot)
+        order = np.argsort(_keys(slot, codes, bins, self._n**2), kind="stable")
         start = np.zeros(self.grid.n_cells + 1, dtype=np.int64)
         np.cumsum(np.bincount(slot // bins, minlength=self.grid.n_cells), out=start[1:])
         gaps = self._gaps.reshape(-1, 2)[slot[order]] if self._gap else None
@@ -336,6 +346,17 @@ def axis_at_roll(roll, x, y, z):
         c * (sign * b) + s * (sign + y * y * a),
         -c * (sign * x) - s * y,
     )
+
+
+@numba.njit(cache=True)
+@no_type_check
+def _keys(slot, codes, bins, bins_per_face):
+    """Cell and block of each row as one number: the order in which `DirectionIndex` takes them as they are."""
+    keys = np.empty(len(slot), dtype=np.int32)
+    for i in range(len(slot)):
+        x, y, z = decode(slot[i] % bins // bins_per_face, codes[i])
+        keys[i] = slot[i] // bins * BLOCKS + bin_of(x, y, z, BLOCKS_PER_EDGE)
+    return keys
 
 
 @numba.njit(cache=True)

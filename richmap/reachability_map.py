@@ -12,6 +12,7 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
+from richmap.direction_index import DirectionIndex
 from richmap.files import FileRefusedError, load_arrays, save_arrays
 from richmap.grid import Grid
 from richmap.insertion import FULL_CIRCLE, roll_about
@@ -60,8 +61,8 @@ class Construction:
 class ReachabilityMap:
     """Approach directions that one robot's flange reaches in each cell, at least theta apart (RichMap, Eq. 3).
 
-    Directions are sorted by cell, and in a cell by their bin: those of flat cell c are rows `start[c]` to
-    `start[c + 1]`.
+    Directions are sorted by cell, and in a cell by `direction_index.block_of`: those of flat cell c are rows
+    `start[c]` to `start[c + 1]`.
     """
 
     grid: Grid
@@ -159,15 +160,18 @@ class ReachabilityMap:
             Row of `directions` and `joints` (-1 where the cell is empty or outside the grid), and the angle to it in
             [rad] (pi where there is none).
         """
-        cell = self.grid.cells_of(positions)
-        row, cosine = _nearest(cell, directions.astype(np.float32), self.start, self.directions)
+        row, cosine = self._index.nearest(positions, directions)
         return row, np.where(row >= 0, np.arccos(np.clip(cosine, -1, 1)), np.pi)
 
     def reachable(
         self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
     ) -> Bool[np.ndarray, " n"]:
         """Whether a direction closer than theta is stored in the cell of each pose; outside the grid never."""
-        return self.nearest(positions, directions)[1] < self.construction.theta
+        return self._index.within(positions, directions, self.construction.theta)
+
+    @cached_property
+    def _index(self) -> DirectionIndex:
+        return DirectionIndex.build(self.grid, self.start, self.directions)
 
     def reach(
         self, positions: Float[np.ndarray, "n 3"], rotations: Float[np.ndarray, "n 3 3"]
@@ -255,19 +259,3 @@ def _in_gap(rows, axes, directions, gaps):
         start, width = gaps[rows[i]]
         inside[i] = (roll - int(start)) % FULL_CIRCLE < int(width)
     return inside
-
-
-@numba.njit(cache=True, parallel=True, nogil=True)
-@no_type_check
-def _nearest(cells, directions, start, stored):
-    rows = np.full(len(cells), -1, dtype=np.int64)
-    cosines = np.full(len(cells), -2.0, dtype=np.float32)
-    for i in numba.prange(len(cells)):
-        if cells[i] >= 0:
-            x, y, z = directions[i]
-            for row in range(start[cells[i]], start[cells[i] + 1]):
-                cosine = x * stored[row, 0] + y * stored[row, 1] + z * stored[row, 2]
-                if cosine > cosines[i]:
-                    cosines[i] = cosine
-                    rows[i] = row
-    return rows, cosines
