@@ -52,8 +52,9 @@ def main(config: ApproximateIkConfig) -> None:
         task = bar.add_task(f"Approximate IK of {robot.name}", total=len(starts) * len(ASKED) * len(STEPS))
         for start, joints in starts.items():
             for asked in ASKED:
+                ready = joints if ASKED[asked] else turned_to_roll(robot, joints, rotations)
                 for steps in STEPS:
-                    row = descend(robot, joints, (positions, rotations), asked, steps)
+                    row = descend(robot, ready, (positions, rotations), asked, steps)
                     rows.append({"robot": robot.name, "asked": asked, "start": start, "steps": steps, **row})
                     bar.advance(task)
     about = {
@@ -79,6 +80,26 @@ def reachable_poses(robot: "RobotDescription", rng: "np.random.Generator", n: in
 
     joints = rng.uniform(robot.lower, robot.upper, (n, len(robot.joints)))
     return flange_frames(robot, joints[~self_collision(robot)(joints)])
+
+
+def turned_to_roll(robot: "RobotDescription", joints: "np.ndarray", rotations: "np.ndarray") -> "np.ndarray":
+    """Configurations (n, dof) with the last joint turned so that the flange's roll is nearest to that of (n, 3, 3).
+
+    A map of directions says nothing about the roll, which is the last joint's on an arm whose last axis is the approach
+    direction; on another arm they stay as they are. A roll that is out of the last joint's limits becomes the upper.
+    """
+    import numpy as np
+
+    from richmap.kinematics import flange_frames, joint_frames
+
+    way = joint_frames(robot)[-1][2, 2]
+    if abs(way) < 1 - 1e-6:
+        return joints
+    turn = flange_frames(robot, joints)[1].transpose(0, 2, 1) @ rotations  # asked flange, in the flange that is there
+    last = joints[:, -1] + np.sign(way) * np.arctan2(turn[:, 1, 0] - turn[:, 0, 1], turn[:, 0, 0] + turn[:, 1, 1])
+    lower, upper = robot.lower[-1], robot.upper[-1]
+    last = np.minimum(lower + (last - lower) % (2 * np.pi), upper)
+    return np.column_stack([joints[:, :-1], last])
 
 
 def descend(
@@ -135,7 +156,8 @@ HEADER = """# Approximate inverse kinematics from a map
 Poses of fresh configurations, uniform within the joint limits and free of self-collision. The map gives the
 configuration that it stores with the direction nearest to the asked one; the other start is uniform within the limits.
 From both the same Levenberg-Marquardt steps within the limits (`richmap/inverse_kinematics.py`) lead towards the
-*direction* (position and approach direction, any roll) or the whole *pose*. Errors are those that are left after so
+*direction* (position and approach direction, any roll) or the whole *pose*, for which the last joint is first turned to
+the asked roll. Errors are those that are left after so
 many steps (0: those of the start), as median and 90th percentile. *Converged*: within 1 mm and 0.01 rad, in percent,
 with Wilson 95 % intervals; *and free*: of self-collision as well. Made by `python -m benchmark.approximate_ik`.
 

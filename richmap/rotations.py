@@ -11,6 +11,8 @@ def capacity_bound_so3(theta: float) -> float:
     """Upper bound on rotations with mutual separation `theta`, in [rad] (RichMap, "Full quaternion representation").
 
     SO(3) has volume pi^2 and a ball of radius psi has pi (psi - sin psi); balls of radius theta / 2 do not overlap.
+    Inserting random rotations one after the other ends far below: at theta = 0.4 rad nothing of the last of ten million
+    fitted into a cell of 885 any more, of 2360 by the bound.
     """
     return np.pi / (theta / 2 - np.sin(theta / 2))
 

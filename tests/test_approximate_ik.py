@@ -3,10 +3,11 @@ import pandas as pd
 import pytest
 
 from benchmark import build_maps
-from benchmark.approximate_ik import STEPS, descend, main, reachable_poses
+from benchmark.approximate_ik import STEPS, descend, main, reachable_poses, turned_to_roll
 from benchmark.config import ApproximateIkConfig, RobotConfig
 from richmap.collision import self_collision
 from richmap.grid import Grid
+from richmap.kinematics import flange_frames
 from richmap.robots import load_robot
 
 GRID = Grid.around_base(cell_size=0.2, half_width=1.0, z_offset=0.2)
@@ -52,3 +53,16 @@ def test_a_start_that_is_there_needs_no_step():
     row = descend(robot, joints[~self_collision(robot)(joints)], poses, "pose", 0)
     assert row["converged"] == row["converged_and_free"] == 1
     assert row["position_error_p90"] < 1e-9
+
+
+@pytest.mark.parametrize("name", ["panda", "gen3", "ur5"])
+def test_the_last_joint_is_turned_to_the_asked_roll(name):
+    robot, rng = load_robot(name), np.random.default_rng(0)
+    joints = rng.uniform(robot.lower, robot.upper, (200, len(robot.joints)))
+    _, rotations = flange_frames(robot, joints)
+    other = joints.copy()
+    other[:, -1] = rng.uniform(robot.lower[-1], robot.upper[-1], 200)
+    turned = turned_to_roll(robot, other, rotations)
+    assert (turned >= robot.lower).all() and (turned <= robot.upper).all()
+    assert np.allclose(turned[:, :-1], joints[:, :-1])
+    assert np.allclose(flange_frames(robot, turned)[1], rotations, atol=1e-9)
