@@ -52,8 +52,8 @@ def robot_map(
     settings = config.theta, config.seed, config.draw, config.turns, config.stop_rate, config.target
     asked = reachability_map.Construction(name, description.fingerprint, *settings)
     code = [
-        bounding_spheres, collision, construction, direction_index, directions, grid, insertion, kinematics, reachability_map, robot,
-        sampling, shape,
+        bounding_spheres, collision, construction, direction_index, directions, grid, insertion, kinematics,
+        reachability_map, robot, sampling, shape,
     ]  # fmt: skip
     inputs = {"grid": asdict(cells), "construction": asdict(asked)}
     key = fingerprint(inputs, code)
