@@ -3,6 +3,7 @@
 python -m benchmark.build_maps robot=ur3
 """
 
+import shutil
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -28,13 +29,18 @@ def robot_map(
     console: Console,
 ) -> "ReachabilityMap":
     """The map of a robot with its base at a point of the world, in [m], built if it is not in the cache."""
+    import platformdirs
+
     from benchmark.cache import cached, fingerprint
     from richmap import (
+        bounding_spheres,
         collision,
         construction,
+        direction_index,
         directions,
         grid,
         insertion,
+        kinematics,
         reachability_map,
         robot,
         sampling,
@@ -43,23 +49,27 @@ def robot_map(
 
     name = description.name
     cells = grid.Grid.around_base(config.cell_size, config.half_width, config.z_offset).moved(np.array(base))
-    asked = reachability_map.Construction(
-        robot=name,
-        robot_fingerprint=description.fingerprint,
-        theta=config.theta,
-        seed=config.seed,
-        batch=config.batch,
-        turns=config.turns,
-        stop_rate=config.stop_rate,
-    )
-    code = [collision, construction, directions, grid, insertion, reachability_map, robot, sampling, shape]
-    key = fingerprint({"grid": asdict(cells), "construction": asdict(asked)}, code)
+    settings = config.theta, config.seed, config.draw, config.turns, config.stop_rate, config.target
+    asked = reachability_map.Construction(name, description.fingerprint, *settings)
+    code = [
+        bounding_spheres, collision, construction, direction_index, directions, grid, insertion, kinematics,
+        reachability_map, robot, sampling, shape,
+    ]  # fmt: skip
+    inputs = {"grid": asdict(cells), "construction": asdict(asked)}
+    key = fingerprint(inputs, code)
+    for ending in ("stop_rate", "target"):  # A build may go on from where one with another end stopped.
+        del inputs["construction"][ending]
+    folder = Path(platformdirs.user_cache_dir("richmap"), "builds", f"{name}-{fingerprint(inputs, code)[:16]}")
 
     def build() -> reachability_map.ReachabilityMap:
-        with MapProgress(name, config.stop_rate, console) as progress:
-            return construction.build_map(description, cells, asked, workers, progress.report)
+        with MapProgress(name, config, console) as progress:
+            return construction.build_map(description, cells, asked, folder, workers, progress.report)
 
-    built, path = cached(f"maps/{name}-{key[:16]}.safetensors", reachability_map.ReachabilityMap.load, build)
+    def load(path: Path) -> reachability_map.ReachabilityMap:
+        return reachability_map.ReachabilityMap.load(path, description)
+
+    built, path = cached(f"maps/{name}-{key[:16]}.safetensors", load, build)
+    shutil.rmtree(folder, ignore_errors=True)
     reached = built.construction
     console.print(
         f"Map of {name}: {built.inserted / 1e6:.2f} M directions in {100 * built.occupancy:.1f} % of the cells, batch "
@@ -110,10 +120,10 @@ def energy_field(
 class MapProgress:
     """Live state of a build: the insertion rate falls towards the threshold, and with it the time left."""
 
-    def __init__(self, robot: str, stop_rate: float, console: Console) -> None:
+    def __init__(self, robot: str, config: MapConfig, console: Console) -> None:
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-        self._stop_rate = stop_rate
+        self._stop_rate, self._target = config.stop_rate, config.target
         self._progress = Progress(
             TextColumn("Map of {task.fields[robot]}"),
             BarColumn(),
@@ -124,7 +134,7 @@ class MapProgress:
             console=console,
         )
         self._task = self._progress.add_task(
-            "", total=1.0, robot=robot, rate=1.0, stop=stop_rate, millions=0.0, occupancy=0.0
+            "", total=1.0, robot=robot, rate=1.0, stop=config.stop_rate, millions=0.0, occupancy=0.0
         )
 
     def __enter__(self) -> "MapProgress":
@@ -136,10 +146,12 @@ class MapProgress:
 
     def report(self, progress: "BuildProgress") -> None:
         """The insertion rate falls about as 1 / poses, so the share done is stop rate over rate."""
-        done = min(1.0, self._stop_rate / max(progress.batch_rate, 1e-9))
+        shares = [self._stop_rate / max(progress.batch_rate, 1e-9)]
+        if self._target:
+            shares.append(progress.inserted / self._target)
         self._progress.update(
             self._task,
-            completed=done,
+            completed=min(1.0, max(shares)),
             rate=progress.batch_rate,
             millions=progress.inserted / 1e6,
             occupancy=progress.occupancy,

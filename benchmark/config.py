@@ -73,11 +73,13 @@ class MapConfig:
     z_offset: float = 0.2
     """How much the grid is raised against the base, in m."""
     stop_rate: float = 0.02
-    """Building stops when two batches in a row bring less than this fraction of new directions; between 0 and 1."""
-    batch: int = 8192
+    """Building stops when a batch brings less than this fraction of new directions; between 0 and 1."""
+    target: int = 0
+    """Building stops at this many directions; 0 for no such target."""
+    draw: int = 4096
     """Configurations that a worker draws at once; 1 or more."""
-    turns: int = 64
-    """Angles of joint 1 that each configuration is used at (orbit sampling); 1 or more, 1 for plain sampling."""
+    turns: int = 128
+    """Angles of joint 1 that each configuration is used at (orbit sampling); a power of two, 1 for plain sampling."""
     seed: int = 0
     """Seed of the samples; a whole number >= 0."""
 
@@ -89,8 +91,9 @@ class MapConfig:
         check_setting(abs(self.z_offset) <= 10, "map.z_offset", self.z_offset, "a number from -10 to 10")
         check_setting(self.seed >= 0, "map.seed", self.seed, "a whole number >= 0")
         check_setting(0 < self.stop_rate < 1, "map.stop_rate", self.stop_rate, "a number between 0 and 1")
-        for name in ("batch", "turns"):
-            check_setting(getattr(self, name) >= 1, f"map.{name}", getattr(self, name), "a whole number >= 1")
+        check_setting(self.target >= 0, "map.target", self.target, "a whole number >= 0")
+        check_setting(self.draw >= 1, "map.draw", self.draw, "a whole number >= 1")
+        check_setting(self.turns.bit_count() == 1 <= self.turns, "map.turns", self.turns, "a power of two")
 
 
 @dataclass

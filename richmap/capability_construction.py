@@ -176,10 +176,8 @@ def sample_orientations(
     configurations collide with another value of it, .2 % of the Gen3's, .04 % of the UR5e's, none of the iiwa7's.
     """
     rng = np.random.default_rng((construction.seed, index))
-    joints = sample_workspace(robot, rng, construction.draw, construction.turns).joints.astype(np.float64)
+    joints = sample_workspace(robot, rng, construction.draw, construction.turns).poses()[2].astype(np.float64)
     position, rotation = flange_frames(robot, joints)
-    first, width = joints[:, 0] - robot.lower[0], robot.upper[0] - robot.lower[0]
-    joints[:, 0] = robot.lower[0] + np.where(first > width, first % (2 * np.pi), first)
     share = (joints - robot.lower) / (robot.upper - robot.lower)
     codes = np.rint(np.clip(share, 0, 1) * JOINT_STEPS).astype(np.uint16)
     return OrientationSamples(position.astype(np.float32), quaternions_of(rotation), codes)

@@ -1,6 +1,7 @@
 """Self-collision of an arm, decided exactly on the triangles of its collision meshes."""
 
 import tempfile
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pinocchio
 import trimesh
 from jaxtyping import Bool, Float, Int
 
+from richmap.bounding_spheres import FINE, BoundingSpheres
 from richmap.kinematics import z_to_axis
 from richmap.robot import RobotDescription
 
@@ -26,6 +28,10 @@ SECTORS = 72
 """Sectors about the first axis in which the base's radius is measured; the core has the median one."""
 
 
+CELLS = 4096
+"""Cells on the circle of joint 2, of which it is tabulated where a link that it carries is clear of the base."""
+
+
 class SelfCollision:
     """Tells which configurations make two links of an arm intersect, triangle against triangle.
 
@@ -37,6 +43,7 @@ class SelfCollision:
     def __init__(self, robot: RobotDescription) -> None:
         self._model = pinocchio.buildModelFromXML(robot.urdf)
         self._geometry = _collision_geometry(robot, self._model)
+        self._pools: dict[int, pinocchio.GeometryPool] = {}
         self._objects = {link: self._geometry_ids(link) for link in robot.shapes}
         links, depth = list(robot.shapes), robot.depth
         self.pairs = [(a, b) for a in links for b in links if depth[b] - depth[a] >= 2]
@@ -46,37 +53,97 @@ class SelfCollision:
         touching = self.pair_hits(joints).mean(0)
         self.pairs = [p for p, rate in zip(self.pairs, touching, strict=True) if rate < PERMANENT_CONTACT]
 
+        moving = tuple(link for link in links if depth[link] > 0)
+        self._spheres = BoundingSpheres.around(robot, self._model, moving)
+        self._moving_pairs = [pair for pair in self.pairs if depth[pair[0]] > 0]
         base_pairs = [pair for pair in self.pairs if depth[pair[0]] == 0]
-        self._moving = self._checking([pair for pair in self.pairs if depth[pair[0]] > 0])
+        self._moving = [self._checking([pair]) for pair in self._moving_pairs]
         self._with_base = self._checking(base_pairs)
-        self._split_base(robot, {a for a, _ in base_pairs}, list(dict.fromkeys(b for _, b in base_pairs)))
+        self._near_base = list(dict.fromkeys(b for _, b in base_pairs))
+        self._split_base(robot, {a for a, _ in base_pairs})
 
     def __call__(self, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, " n"]:
         """Whether each configuration, in [rad], is in self-collision."""
-        hits = self._any_hit(self._moving, joints)
-        near_base = np.flatnonzero(~hits)
-        near_base = near_base[self._any_hit(self._envelope, joints[near_base])]
-        hits[near_base] = self._any_hit(self._with_base, joints[near_base])
+        near = self._spheres.near_each_other(joints, self._moving_pairs)
+        hits = self._any_of(self._moving, joints, near)
+        enclosed = np.flatnonzero(~hits)
+        enclosed = enclosed[self._meets_envelope(joints[enclosed])]
+        hits[enclosed] = self._any_hit(self._with_base, joints[enclosed])
         return hits
 
-    def free_turns(
-        self, joints: Float[np.ndarray, "n dof"], turns: Float[np.ndarray, "n k"]
-    ) -> Bool[np.ndarray, "n k"]:
-        """At which angles of joint 1, in [rad], configurations that are free stay free; False where unknown.
+    def free_turns(self, joints: Float[np.ndarray, "n dof"], turns: int) -> Bool[np.ndarray, "n turns"]:
+        """Whether configurations that are free stay free with k / turns of a full circle added to joint 1.
 
         Links that move with joint 1 meet each other at every turn or at none. The base does not move with it: it
         is enclosed in a solid of revolution about the axis, and its narrow protrusions (a cable socket) are taken
         apart, so that the rest, the core, is enclosed closely. A configuration that does not meet the solid is free
-        at all turns. One that meets it, but not the core, is checked at each turn against the protrusions. One that
-        meets the core is not decided here (fewer than one in a hundred).
+        at all turns. One that meets it, but not the core, is checked against the protrusions. Of one that meets the
+        core only the configuration itself, turn 0, is known to be free (fewer than one in a hundred are).
+
+        Args:
+            joints: Configurations free of self-collision, in [rad].
+            turns: A power of two.
         """
-        free = ~self._any_hit(self._core, joints)[:, None] & np.ones(turns.shape, dtype=bool)
-        near = np.flatnonzero(free[:, 0])
-        near = near[self._any_hit(self._envelope, joints[near])]
-        each_turn = np.repeat(joints[near], turns.shape[1], axis=0)
-        each_turn[:, 0] = turns[near].ravel()
-        free[near] = ~self._any_hit(self._protrusions, each_turn).reshape(-1, turns.shape[1])
+        free = np.ones((len(joints), turns), dtype=bool)
+        near = np.flatnonzero(self._meets_envelope(joints))
+        core = self._any_hit(self._core, joints[near])
+        free[near[core]] = False
+        near = near[~core]
+        free[near] = ~self._protrusion_hits(joints[near], turns)
+        free[:, 0] = True
         return free
+
+    def _meets_envelope(self, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, " n"]:
+        """Whether a link meets the solid of revolution around the base."""
+        near = self._spheres.near_solid(joints, self._near_base, self._solid)
+        for i, near_at in self._near_at.items():
+            cell = np.floor(joints[:, 1] * (len(near_at) / (2 * np.pi))).astype(int) % len(near_at)
+            near[:, i] &= near_at[cell]
+        return self._any_of(self._envelope, joints, near)
+
+    def _any_of(
+        self,
+        geometries: list[pinocchio.GeometryModel],
+        joints: Float[np.ndarray, "n dof"],
+        asked: Bool[np.ndarray, "n k"],
+    ) -> Bool[np.ndarray, " n"]:
+        """Whether there is a hit in any of some geometries, each checked only where it is asked for."""
+        hits = np.zeros(len(joints), dtype=bool)
+        for geometry, rows in zip(geometries, asked.T, strict=True):
+            rows = np.flatnonzero(rows & ~hits)
+            hits[rows] = self._any_hit(geometry, joints[rows])
+        return hits
+
+    def _protrusion_hits(self, joints: Float[np.ndarray, "n dof"], turns: int) -> Bool[np.ndarray, "n turns"]:
+        """At which turns configurations meet the base's protrusions: first whole swaths of turns, then parts of them.
+
+        Turning the arm forth is turning the protrusions back, so a swath is one mesh of turned copies.
+        """
+        hits = np.zeros((len(joints), turns), dtype=bool)
+        if len(self._protrusions.faces) == 0:
+            return hits
+        rows, first, size = np.arange(len(joints)), np.zeros(len(joints), dtype=int), turns
+        while size > 1:
+            part = max(size // 8, 1)
+            rows = np.repeat(rows, size // part)
+            first = (first[:, None] + part * np.arange(size // part)).ravel()
+            turned = joints[rows]
+            turned[:, 0] += 2 * np.pi * first / turns
+            hit = self._any_hit(self._swath(part, turns), turned)
+            rows, first, size = rows[hit], first[hit], part
+        hits[rows, first] = True
+        return hits
+
+    def _swath(self, size: int, turns: int) -> pinocchio.GeometryModel:
+        """The protrusions as `size` turns in a row of joint 1 see them, as one mesh."""
+        if (size, turns) not in self._swaths:
+            mesh = self._protrusions
+            back = -2 * np.pi * np.arange(size) / turns
+            copies = [mesh.copy().apply_transform(trimesh.transformations.rotation_matrix(a, [0, 0, 1])) for a in back]
+            whole = trimesh.util.concatenate(copies)
+            volumes = _bounding_volumes(whole.vertices, whole.faces)
+            self._swaths[size, turns] = self._against([(volumes, self._axis)], self._near_base)
+        return self._swaths[size, turns]
 
     def pair_hits(self, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, "n pairs"]:
         """Which of `pairs` intersect in each configuration, in [rad]."""
@@ -105,26 +172,29 @@ class SelfCollision:
     def _any_hit(self, geometry: pinocchio.GeometryModel, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, " n"]:
         if len(joints) == 0 or len(geometry.collisionPairs) == 0:
             return np.zeros(len(joints), dtype=bool)
-        pool = pinocchio.GeometryPool(self._model, geometry, 1)
+        if id(geometry) not in self._pools:  # making one copies every mesh
+            self._pools[id(geometry)] = pinocchio.GeometryPool(self._model, geometry, 1)
+        pool = self._pools[id(geometry)]
         return np.array(pinocchio.computeCollisionsInParallel(1, pool, np.asfortranarray(joints.T), True))
 
-    def _split_base(self, robot: RobotDescription, base: set[str], links: list[str]) -> None:
+    def _split_base(self, robot: RobotDescription, base: set[str]) -> None:
         """Enclose the base in slabs of cylinders about the first axis: all of it, and its core; keep the difference.
 
         Args:
             robot: The arm.
             base: The links that joint 1 does not move and that something can hit.
-            links: The links that can hit them.
         """
+        self._swaths: dict[tuple[int, int], pinocchio.GeometryModel] = {}
         if not base:
-            self._envelope = self._core = self._protrusions = _with_pairs(self._geometry, [])
+            self._envelope, self._core = [], _with_pairs(self._geometry, [])
+            self._solid, self._near_at, self._protrusions = np.zeros((0, 3)), {}, trimesh.Trimesh()
             return
-        axis = self._model.jointPlacements[1] * z_to_axis(self._model.joints[1])
+        self._axis = self._model.jointPlacements[1] * z_to_axis(self._model.joints[1])
         frame = {link: self._model.frames[self._model.getFrameId(link)].placement for link in base}
         parts = []
         for link in sorted(base):
             for shape in robot.shapes[link]:
-                parts.append(shape.triangles().apply_transform((axis.inverse() * frame[link]).homogeneous))
+                parts.append(shape.triangles().apply_transform((self._axis.inverse() * frame[link]).homogeneous))
         mesh = trimesh.util.concatenate(parts)
         edge = max(EDGE, mesh.extents.max() / 150)
         points, triangles, parents = trimesh.remesh.subdivide_to_size(
@@ -135,24 +205,45 @@ class SelfCollision:
         lower, upper = points[:, 2].min(), points[:, 2].max()
         edges = np.linspace(lower, upper, max(int(np.ceil((upper - lower) / SLAB)), 1) + 1)
 
-        envelope, core, protruding = [], [], np.zeros(len(points), dtype=bool)
+        envelope, core, solid, protruding = [], [], [], np.zeros(len(points), dtype=bool)
         for bottom, top in zip(edges, edges[1:], strict=False):
             slab = np.flatnonzero((points[:, 2] >= bottom - edge) & (points[:, 2] <= top + edge))
             widest = np.zeros(SECTORS)
             np.maximum.at(widest, sector[slab], radius[slab])
             core_radius = np.median(widest) + edge
-            middle = axis * pinocchio.SE3(np.eye(3), np.array([0, 0, (bottom + top) / 2]))
+            middle = self._axis * pinocchio.SE3(np.eye(3), np.array([0, 0, (bottom + top) / 2]))
             core.append((coal.Cylinder(core_radius, top - bottom), middle))
-            envelope.append((coal.Cylinder(max(widest.max(), core_radius), top - bottom), middle))
+            outer_radius = max(widest.max(), core_radius)
+            envelope.append((coal.Cylinder(outer_radius, top - bottom), middle))
+            solid.append([bottom, top, outer_radius])
             protruding[slab] |= radius[slab] > core_radius - edge / 2
         faces = mesh.faces[np.unique(parents[protruding[triangles].any(1)])]
 
-        self._envelope = self._against(links, envelope)
-        self._core = self._against(links, core)
-        self._protrusions = self._against(links, [(_bounding_volumes(mesh.vertices, faces), axis)])
+        self._solid = np.array(solid)
+        depth = robot.depth
+        self._near_at = {
+            i: self._near_at_joint_2(robot, link) for i, link in enumerate(self._near_base) if depth[link] == 2
+        }
+        self._envelope = [self._against(envelope, [link]) for link in self._near_base]
+        self._core = self._against(core, self._near_base)
+        self._protrusions = trimesh.Trimesh(mesh.vertices, faces)
+        self._protrusions.remove_unreferenced_vertices()
+
+    def _near_at_joint_2(self, robot: RobotDescription, link: str) -> Bool[np.ndarray, " cells"]:
+        """Where on the circle of joint 2 a link that it carries may meet the solid around the base.
+
+        Nothing else moves the one against the other. Many small spheres, larger by what a point of the link moves
+        within half a cell, leave out next to nothing that is free.
+        """
+        spheres = BoundingSpheres.around(robot, self._model, (link,), FINE)
+        farthest = (np.linalg.norm(spheres.centres, axis=1) + spheres.radii).max()
+        spheres = replace(spheres, radii=spheres.radii + farthest * np.pi / CELLS)
+        joints = np.zeros((CELLS, len(robot.joints)))
+        joints[:, 1] = 2 * np.pi * (np.arange(CELLS) + 0.5) / CELLS
+        return spheres.near_solid(joints, [link], self._solid)[:, 0]
 
     def _against(
-        self, links: list[str], shapes: list[tuple[coal.CollisionGeometry, pinocchio.SE3]]
+        self, shapes: list[tuple[coal.CollisionGeometry, pinocchio.SE3]], links: list[str]
     ) -> pinocchio.GeometryModel:
         """A model that checks these shapes, fixed to the base, against these links."""
         geometry = self._geometry.copy()
@@ -177,12 +268,13 @@ def _collision_geometry(robot: RobotDescription, model: pinocchio.Model) -> pino
 
 
 def _with_pairs(geometry: pinocchio.GeometryModel, pairs: list[tuple[int, int]]) -> pinocchio.GeometryModel:
-    """A copy that checks these pairs of its objects and no others."""
-    geometry = geometry.copy()
-    geometry.removeAllCollisionPairs()
-    for pair in pairs:
-        geometry.addCollisionPair(pinocchio.CollisionPair(*pair))
-    return geometry
+    """A model that checks these pairs of objects and holds no others."""
+    checking, place = pinocchio.GeometryModel(), {}
+    for i in sorted({i for pair in pairs for i in pair}):
+        place[i] = checking.addGeometryObject(geometry.geometryObjects[i])
+    for a, b in pairs:
+        checking.addCollisionPair(pinocchio.CollisionPair(place[a], place[b]))
+    return checking
 
 
 def _bounding_volumes(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> coal.BVHModelOBBRSS:

@@ -1,28 +1,35 @@
-"""Building a map: worker processes sample the workspace, this process inserts their batches in a fixed order."""
+"""Building a map: worker processes sample the workspace, this process inserts what they draw in a fixed order."""
 
+import json
+import os
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import count
+from math import ceil
 from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 
+from richmap.files import FileRefusedError
 from richmap.grid import Grid
 from richmap.insertion import Inserter
 from richmap.reachability_map import Construction, ReachabilityMap
 from richmap.robot import RobotDescription
-from richmap.sampling import WorkspaceSamples, sample_workspace
+from richmap.sampling import Orbits, roll_gap, sample_workspace, way_about_base_z
 from richmap.worker import start_worker
+
+STATE_VERSION = 1
 
 
 @dataclass(frozen=True)
 class BuildProgress:
     """Where a build stands after a batch."""
 
-    batches: int
     inserted: int
+    offered: int
     occupancy: float
     """Fraction of cells that hold a direction."""
     batch_rate: float
@@ -35,56 +42,199 @@ def build_map(
     robot: RobotDescription,
     grid: Grid,
     construction: Construction,
+    folder: Path,
     workers: int = 2,
     report: Callable[[BuildProgress], None] = lambda progress: None,
 ) -> ReachabilityMap:
-    """Build a robot's map until the insertion rate of two batches in a row is below `construction.stop_rate`.
+    """Build a robot's map until it holds `construction.target` directions or brings less than `stop_rate` new ones.
 
-    RichMap, Algorithm 1. Batch i is drawn from the seed (construction.seed, i) and batches are inserted in order, so
-    the map is the same byte for byte whatever the number of workers.
+    RichMap, Algorithm 1. Draw i comes from the seed (construction.seed, i) and draws are inserted in order, so the map
+    is the same byte for byte whatever the number of workers, and whether or not the build was interrupted: what a
+    batch of draws brought is kept in the folder, and a build that finds it there goes on with the next batch.
 
     Args:
         robot: The arm.
         grid: Cells in the arm's base frame.
         construction: Settings; what was reached is filled in.
+        folder: Where the state is kept. A build with another `stop_rate` or `target` may go on from it.
         workers: Sampling processes.
         report: Called after each batch.
+
+    Raises:
+        FileRefusedError: If the folder holds the state of another build.
     """
-    inserter = Inserter(grid, construction.theta, len(robot.joints))
-    reached = construction
-    below = 0
-    with ProcessPoolExecutor(workers, get_context("spawn"), initializer=start_worker) as pool:
-        upcoming = (pool.submit(_draw_batch, robot, construction, index) for index in count())
-        queue = deque(next(upcoming) for _ in range(2 * workers))
-        while below < 2:
-            samples = queue.popleft().result()
-            queue.append(next(upcoming))
-            offered = inserter.offered
-            stored = inserter.insert(samples)
-            inside = max(inserter.offered - offered, 1)
-            first = slice(samples.independent)
-            first_inside = max((grid.cells_of(samples.position[first]) >= 0).sum(), 1)
-            reached = replace(
-                reached,
-                batches=reached.batches + 1,
-                offered=inserter.offered,
-                batch_rate=float(stored.sum() / inside),
-                independent_rate=float(stored[first].sum() / first_inside),
-            )
-            below = below + 1 if reached.batch_rate < construction.stop_rate else 0
+    inserter = _empty(robot, grid, construction, folder)
+    reached = _resume(folder, inserter, construction)
+    with _Samplers(robot, construction, workers) as samplers:
+        draws = samplers.draws(reached.draws)
+        while not _done(reached, inserter.inserted):
+            reached = _insert_batch(inserter, draws, reached)
+            _commit(folder, inserter, reached)
             report(
                 BuildProgress(
-                    reached.batches,
                     inserter.inserted,
-                    inserter.filled_cells / grid.n_cells,
+                    inserter.offered,
+                    inserter.occupancy,
                     reached.batch_rate,
                     reached.independent_rate,
                 )
             )
-        pool.shutdown(cancel_futures=True)
-    return ReachabilityMap.from_rows(grid, *inserter.stored(), reached)
+    return _finish(robot, inserter, reached)
 
 
-def _draw_batch(robot: RobotDescription, construction: Construction, index: int) -> WorkspaceSamples:
+def merge(robot: RobotDescription, maps: list[ReachabilityMap], folder: Path) -> ReachabilityMap:
+    """One theta-separated map of what several maps of an arm hold, such as those of a cluster's jobs.
+
+    The rows of the first are kept; those of each further one are inserted after them, one after the other, where they
+    are at least theta from what is there; the rolls of those that are not are added to what they met.
+
+    Args:
+        robot: The arm.
+        maps: Maps with the same grid and theta, from different seeds.
+        folder: Where rows are kept meanwhile; empty.
+
+    Raises:
+        ValueError: If the maps are not of this arm, or differ in grid or theta.
+    """
+    first = maps[0]
+    for other in maps:
+        if other.construction.robot_fingerprint != robot.fingerprint:
+            raise ValueError(f"A map to be merged is of {other.construction.robot}, or of another {robot.name}.")
+        if other.grid != first.grid or other.construction.theta != first.construction.theta:
+            raise ValueError(
+                f"Maps to be merged must share grid and theta. Got {first.grid} with theta {first.construction.theta} "
+                f"rad and {other.grid} with {other.construction.theta} rad."
+            )
+    inserter = _empty(robot, first.grid, first.construction, folder)
+    for other in maps:
+        cells = np.repeat(np.arange(first.grid.n_cells), np.diff(other.start))
+        inserter.insert_rows(cells, other.directions, other.joints, other.gaps)
+    rates = [other.construction for other in maps]
+    reached = replace(
+        first.construction,
+        draws=sum(c.draws for c in rates),
+        offered=sum(c.offered for c in rates),
+        batch_rate=min(c.batch_rate for c in rates),
+        independent_rate=min(c.independent_rate for c in rates),
+    )
+    return _finish(robot, inserter, reached)
+
+
+def _empty(robot: RobotDescription, grid: Grid, construction: Construction, folder: Path) -> Inserter:
+    return Inserter(grid, construction.theta, robot.lower, robot.upper, roll_gap(robot), folder)
+
+
+def _finish(robot: RobotDescription, inserter: Inserter, reached: Construction) -> ReachabilityMap:
+    start, directions, joints, gaps = inserter.finish()
+    limits = np.stack([robot.lower, robot.upper])
+    return ReachabilityMap(inserter.grid, start, directions, joints, limits, gaps, roll_gap(robot) is not None, reached)
+
+
+def _done(reached: Construction, inserted: int) -> bool:
+    return reached.batch_rate < reached.stop_rate or 0 < reached.target <= inserted
+
+
+def _insert_batch(inserter: Inserter, draws: Iterator[Orbits], reached: Construction) -> Construction:
+    """Insert some draws: the fewer of their poses are new, the more draws make a batch (RichMap, adaptive batching)."""
+    offered, inserted = inserter.offered, inserter.inserted
+    first_offered = first_inserted = 0
+    size = min(ceil(0.1 / reached.batch_rate), 16)
+    for _ in range(size):
+        orbits = next(draws)
+        stored = inserter.insert(orbits)
+        first_offered += int((inserter.grid.cells_of(orbits.position) >= 0).sum())
+        first_inserted += int(stored[:, 0].sum())
+    return replace(
+        reached,
+        draws=reached.draws + size,
+        offered=inserter.offered,
+        batch_rate=(inserter.inserted - inserted) / max(inserter.offered - offered, 1),
+        independent_rate=first_inserted / max(first_offered, 1),
+    )
+
+
+def _identity(grid: Grid, construction: Construction) -> dict:
+    """What two builds must share for one to go on where the other stopped."""
+    settings = {name: getattr(construction, name) for name in ("robot_fingerprint", "theta", "seed", "draw", "turns")}
+    return json.loads(json.dumps({"version": STATE_VERSION, "grid": asdict(grid), **settings}))
+
+
+def _commit(folder: Path, inserter: Inserter, reached: Construction) -> None:
+    """Say how far the files in the folder are valid; what lies beyond is written again after an interruption."""
+    state = {"of": _identity(inserter.grid, reached), "inserted": inserter.inserted, "reached": asdict(reached)}
+    temporary = folder / "state.tmp"
+    temporary.write_text(json.dumps(state))
+    os.replace(temporary, folder / "state.json")
+
+
+def _resume(folder: Path, inserter: Inserter, construction: Construction) -> Construction:
+    file = folder / "state.json"
+    if not file.exists():
+        return construction
+    state = json.loads(file.read_text())
+    if state["of"] != _identity(inserter.grid, construction):
+        raise FileRefusedError(f"{folder} holds the state of another build ({state['of']}). Delete it or name another.")
+    reached = Construction(**state["reached"])
+    inserter.resume(state["inserted"], reached.offered)
+    return replace(reached, stop_rate=construction.stop_rate, target=construction.target)
+
+
+class _Samplers:
+    """Worker processes that write draws to slots of shared memory, in a fixed order, ahead of whoever reads them."""
+
+    def __init__(self, robot: RobotDescription, construction: Construction, workers: int) -> None:
+        context = get_context("spawn")
+        self._slots = 2 * workers + 1
+        fields = _fields(robot, construction)
+        size = self._slots * construction.draw
+        buffers = [context.RawArray("b", size * dtype.itemsize * width) for dtype, width in fields]
+        self._draws = _views(buffers, robot, construction)
+        arguments = robot, construction, buffers
+        self._pool = ProcessPoolExecutor(workers, context, _start_sampler, arguments)
+
+    def __enter__(self) -> "_Samplers":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.shutdown(cancel_futures=True)
+
+    def draws(self, first: int) -> Iterator[Orbits]:
+        """Draws from number `first` on. Each is overwritten once the next one was asked for."""
+        queue = deque(self._pool.submit(_draw, i, i % self._slots) for i in range(first, first + self._slots - 1))
+        for i in count(first):
+            free, lower, way = queue.popleft().result()
+            ahead = i + self._slots - 1
+            queue.append(self._pool.submit(_draw, ahead, ahead % self._slots))
+            yield Orbits(*(view[i % self._slots, :free] for view in self._draws), lower, way)
+
+
+def _fields(robot: RobotDescription, construction: Construction) -> list[tuple[np.dtype, int]]:
+    """Type and width of the arrays of `Orbits`, in their order."""
+    turns = construction.turns if way_about_base_z(robot) else 1
+    return [(np.dtype(np.float32), n) for n in (len(robot.joints), 3, 3, 3)] + [(np.dtype(bool), turns)]
+
+
+def _views(buffers: list, robot: RobotDescription, construction: Construction) -> list[np.ndarray]:
+    """The arrays of `Orbits` for every slot, (slots, draw, width) each, in shared memory."""
+    fields = _fields(robot, construction)
+    return [
+        np.frombuffer(buffer, dtype).reshape(-1, construction.draw, width)
+        for buffer, (dtype, width) in zip(buffers, fields, strict=True)
+    ]
+
+
+def _start_sampler(robot: RobotDescription, construction: Construction, buffers: list) -> None:
+    global _sampler  # of this worker process
+    start_worker()
+    _sampler = robot, construction, _views(buffers, robot, construction)
+
+
+def _draw(index: int, slot: int) -> tuple[int, float, int]:
+    """Draw orbits into a slot; how many, and what they share."""
+    robot, construction, views = _sampler
     rng = np.random.default_rng((construction.seed, index))
-    return sample_workspace(robot, rng, construction.batch, construction.turns)
+    orbits = sample_workspace(robot, rng, construction.draw, construction.turns)
+    arrays = orbits.joints, orbits.position, orbits.direction, orbits.gap_axis, orbits.free
+    for view, array in zip(views, arrays, strict=True):
+        view[slot, : len(array)] = array
+    return len(orbits.joints), orbits.lower, orbits.way

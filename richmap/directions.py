@@ -1,4 +1,4 @@
-"""Bins of the unit sphere: small enough that one stored direction fills a bin, few enough to look at the neighbours."""
+"""Directions on the unit sphere: bins that hold at most one stored direction, and a code of four bytes within a bin."""
 
 from functools import lru_cache
 from typing import no_type_check
@@ -6,6 +6,12 @@ from typing import no_type_check
 import numba
 import numpy as np
 from jaxtyping import Float, Int
+
+WARP = 0.273
+"""Faces of the cube are divided evenly in u (1 + WARP (1 - |u|)), within 0.3 degrees of even angles and cheap."""
+
+CODE_STEPS = 65534
+"""Steps in which a coordinate from -1 to 1 on a cube's face is coded; a direction moves by less than 2e-5 rad."""
 
 
 def capacity_bound(theta: float) -> float:
@@ -17,7 +23,7 @@ def capacity_bound(theta: float) -> float:
 def bins_per_edge(theta: float) -> int:
     """Least number of bins along a cube face's edge for which no bin is as wide as `theta`, in [rad]."""
     n = int(np.ceil(np.pi / 2 / theta))
-    while _widest_bin(n) >= theta:
+    while _widest_bin(n) >= theta - 1e-4:  # codes may move a direction over a bin's edge
         n += 1
     return n
 
@@ -27,7 +33,8 @@ def neighbour_bins(theta: float) -> tuple[Int[np.ndarray, " bins1"], Int[np.ndar
     """For each bin the other bins that may hold a direction closer than `theta`, in [rad].
 
     Returns:
-        Offsets and concatenated neighbour lists: those of bin b are `lists[offsets[b] : offsets[b + 1]]`.
+        Offsets and concatenated neighbour lists, nearest bins first: those of bin b are
+        `lists[offsets[b] : offsets[b + 1]]`.
     """
     n = bins_per_edge(theta)
     corners = _corners(n)
@@ -37,7 +44,7 @@ def neighbour_bins(theta: float) -> tuple[Int[np.ndarray, " bins1"], Int[np.ndar
     offsets, lists = [0], []
     for b in range(len(centre)):
         angle = np.arccos(np.clip(centre @ centre[b], -1, 1))
-        near = np.flatnonzero(angle < theta + radius + radius[b] + 1e-6)
+        near = np.flatnonzero(angle < theta + radius + radius[b] + 1e-4)
         near = near[near != b]
         near = near[np.argsort(angle[near], kind="stable")]
         lists.append(near)
@@ -48,22 +55,66 @@ def neighbour_bins(theta: float) -> tuple[Int[np.ndarray, " bins1"], Int[np.ndar
 @numba.njit(cache=True, inline="always")
 @no_type_check
 def bin_of(x, y, z, n):
-    """Bin of a unit vector: a face of the cube and a cell of that face, equally spaced in angle."""
+    """Bin of a unit vector: a face of the cube and a cell of that face."""
+    face, u, v = face_of(x, y, z)
+    return bin_on_face(face, u, v, n)
+
+
+@numba.njit(cache=True, inline="always")
+@no_type_check
+def face_of(x, y, z):
+    """Where the ray along a vector leaves the cube: number of the face, and two coordinates from -1 to 1 on it."""
     ax, ay, az = abs(x), abs(y), abs(z)
     if ax >= ay and ax >= az:
-        face, u, v = (0 if x > 0 else 1), y / ax, z / ax
-    elif ay >= az:
-        face, u, v = (2 if y > 0 else 3), x / ay, z / ay
-    else:
-        face, u, v = (4 if z > 0 else 5), x / az, y / az
-    i = min(int((np.arctan(u) * (4 / np.pi) + 1) * 0.5 * n), n - 1)
-    j = min(int((np.arctan(v) * (4 / np.pi) + 1) * 0.5 * n), n - 1)
+        return (0 if x > 0 else 1), y / ax, z / ax
+    if ay >= az:
+        return (2 if y > 0 else 3), x / ay, z / ay
+    return (4 if z > 0 else 5), x / az, y / az
+
+
+@numba.njit(cache=True, inline="always")
+@no_type_check
+def bin_on_face(face, u, v, n):
+    """Bin that holds a point of a face."""
+    i = min(int((u * (1 + WARP * (1 - abs(u))) + 1) * 0.5 * n), n - 1)
+    j = min(int((v * (1 + WARP * (1 - abs(v))) + 1) * 0.5 * n), n - 1)
     return (face * n + i) * n + j
+
+
+@numba.njit(cache=True, inline="always")
+@no_type_check
+def code_of(u, v):
+    """Two coordinates from -1 to 1 as one 32-bit number above 0."""
+    a = int((u + 1) * (0.5 * CODE_STEPS) + 0.5) + 1
+    b = int((v + 1) * (0.5 * CODE_STEPS) + 0.5) + 1
+    return np.uint32((a << 16) | b)
+
+
+@numba.njit(cache=True, inline="always")
+@no_type_check
+def decode(face, code):
+    """Unit vector, in float32, of a code on a face."""
+    u = np.float32(np.int32(code >> np.uint32(16)) - 1) * np.float32(2 / CODE_STEPS) - np.float32(1)
+    v = np.float32(np.int32(code & np.uint32(0xFFFF)) - 1) * np.float32(2 / CODE_STEPS) - np.float32(1)
+    w = np.float32(1) / np.sqrt(np.float32(1) + u * u + v * v)
+    u, v = u * w, v * w
+    if face == 0:
+        return w, u, v
+    if face == 1:
+        return -w, u, v
+    if face == 2:
+        return u, w, v
+    if face == 3:
+        return u, -w, v
+    if face == 4:
+        return u, v, w
+    return u, v, -w
 
 
 def _corners(n: int) -> Float[np.ndarray, "bins 4 3"]:
     """Corners of all bins as unit vectors, in the order of `bin_of`."""
-    edge = np.tan(np.pi / 4 * np.linspace(-1, 1, n + 1))
+    even = np.linspace(-1, 1, n + 1)
+    edge = np.sign(even) * (1 + WARP - np.sqrt((1 + WARP) ** 2 - 4 * WARP * np.abs(even))) / (2 * WARP)
     u, v = np.meshgrid(edge, edge, indexing="ij")
     one = np.ones_like(u)
     faces = [(one, u, v), (-one, u, v), (u, one, v), (u, -one, v), (u, v, one), (u, v, -one)]

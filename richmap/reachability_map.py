@@ -3,18 +3,32 @@
 import hashlib
 import json
 from dataclasses import asdict, dataclass
+from enum import IntEnum
 from functools import cached_property
 from pathlib import Path
 from typing import no_type_check
 
 import numba
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt
 
+from richmap.direction_index import DirectionIndex
 from richmap.files import FileRefusedError, load_arrays, save_arrays
 from richmap.grid import Grid
+from richmap.insertion import FULL_CIRCLE, roll_about
+from richmap.robot import RobotDescription
 
-KIND, VERSION = "richmap.ReachabilityMap", 1
+KIND, VERSION = "richmap.ReachabilityMap", 2
+
+
+class Reach(IntEnum):
+    """Answer to whether a whole pose can be reached."""
+
+    UNREACHABLE = 0
+    """No direction within theta is stored in the pose's cell."""
+    ROLL_NOT_SEEN = 1
+    """The approach direction is reachable, but not with this roll as far as was seen."""
+    REACHABLE = 2
 
 
 @dataclass(frozen=True)
@@ -26,13 +40,15 @@ class Construction:
     theta: float
     """Least angle between two directions of a cell, in [rad]."""
     seed: int
-    batch: int
-    """Configurations drawn per batch."""
+    draw: int
+    """Configurations drawn at once."""
     turns: int
     """Angles of joint 1 per configuration (orbit sampling)."""
     stop_rate: float
     """Building stopped when a smaller fraction of a batch was new."""
-    batches: int = 0
+    target: int
+    """Building stopped when this many directions were stored; 0 for no such target."""
+    draws: int = 0
     offered: int = 0
     """Poses within the grid that were offered for insertion."""
     batch_rate: float = 1.0
@@ -45,7 +61,8 @@ class Construction:
 class ReachabilityMap:
     """Approach directions that one robot's flange reaches in each cell, at least theta apart (RichMap, Eq. 3).
 
-    Directions are sorted by cell: those of flat cell c are rows `start[c]` to `start[c + 1]`.
+    Directions are sorted by cell, and in a cell by `direction_index.block_of`: those of flat cell c are rows
+    `start[c]` to `start[c + 1]`.
     """
 
     grid: Grid
@@ -53,24 +70,34 @@ class ReachabilityMap:
     start: Int[np.ndarray, " cells1"]
     directions: Float[np.ndarray, "n 3"]
     """Unit vectors in the base frame."""
-    joints: Float[np.ndarray, "n dof"]
-    """For each direction a configuration that reaches it somewhere in its cell, in [rad]."""
+    joints: UInt[np.ndarray, "n dof"]
+    """For each direction a configuration that reaches it somewhere in its cell, in 65535 steps within the limits."""
+    limits: Float[np.ndarray, "2 dof"]
+    """Lower and upper joint limits, in [rad]."""
+    gaps: UInt[np.ndarray, "n 2"] | None
+    """Start and width of the gap in the rolls seen at each direction, in 65536 steps of a full circle; None if the last
+    joint turns through all rolls, or if rolls are not tracked."""
+    rolls_tracked: bool
+    """Whether all rolls but the gaps are known to be reached (`sampling.roll_gap`)."""
     construction: Construction
 
     @classmethod
     def from_rows(
         cls,
         grid: Grid,
-        cell: Int[np.ndarray, " n"],
+        cells: Int[np.ndarray, " n"],
         directions: Float[np.ndarray, "n 3"],
         joints: Float[np.ndarray, "n dof"],
+        limits: Float[np.ndarray, "2 dof"],
         construction: Construction,
     ) -> "ReachabilityMap":
-        """Sort directions in order of insertion by cell; within a cell the order is kept."""
-        order = np.argsort(cell, kind="stable")
+        """A map of directions from elsewhere, theta apart in their cells, with configurations in [rad]; no rolls."""
+        order = np.argsort(cells, kind="stable")
         start = np.zeros(grid.n_cells + 1, dtype=np.int64)
-        np.cumsum(np.bincount(cell, minlength=grid.n_cells), out=start[1:])
-        return cls(grid, start, directions[order], joints[order], construction)
+        np.cumsum(np.bincount(cells, minlength=grid.n_cells), out=start[1:])
+        lower, upper = limits
+        steps = np.clip(np.rint((joints[order] - lower) / (upper - lower) * 65535), 0, 65535).astype(np.uint16)
+        return cls(grid, start, directions[order].astype(np.float32), steps, limits, None, False, construction)
 
     @property
     def inserted(self) -> int:
@@ -82,15 +109,41 @@ class ReachabilityMap:
         """Fraction of cells that hold a direction."""
         return float((np.diff(self.start) > 0).mean())
 
+    @property
+    def insertion_rate(self) -> float:
+        """Fraction of all poses offered that were stored."""
+        return self.inserted / self.construction.offered
+
+    @property
+    def bytes_memory(self) -> int:
+        """Size of the arrays, in bytes."""
+        return sum(array.nbytes for array in self._arrays().values())
+
     def configurations(self, rows: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n dof"]:
         """Configurations stored with these rows of `directions`, in [rad]."""
-        return self.joints[rows].astype(np.float64)
+        lower, upper = self.limits
+        return lower + self.joints[rows] * ((upper - lower) / 65535)
+
+    def seen_rolls(self, rows: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
+        """Interval of rolls seen at these rows of `directions`, start and width in [rad].
+
+        Roll is the angle of the flange's +x axis about the direction in its canonical frame (`roll_about`).
+
+        Raises:
+            ValueError: If rolls are not tracked on this arm.
+        """
+        self._check_rolls()
+        if self.gaps is None:
+            return np.tile([0.0, 2 * np.pi], (len(rows), 1))
+        start, width = self.gaps[rows].astype(np.float64).T * (2 * np.pi / FULL_CIRCLE)
+        return np.stack([(start + width) % (2 * np.pi), 2 * np.pi - width], 1)
 
     @cached_property
     def content_hash(self) -> str:
-        """SHA-256 over grid, directions and configurations."""
+        """SHA-256 over grid, directions, configurations and rolls."""
         digest = hashlib.sha256(repr(self.grid).encode())
-        for array in (self.start, self.directions, self.joints):
+        for name, array in sorted(self._arrays().items()):
+            digest.update(name.encode())
             digest.update(np.ascontiguousarray(array).data)
         return digest.hexdigest()
 
@@ -107,40 +160,87 @@ class ReachabilityMap:
             Row of `directions` and `joints` (-1 where the cell is empty or outside the grid), and the angle to it in
             [rad] (pi where there is none).
         """
-        cell = self.grid.cells_of(positions)
-        row, cosine = _nearest(cell, directions.astype(np.float32), self.start, self.directions)
+        row, cosine = self._index.nearest(positions, directions)
         return row, np.where(row >= 0, np.arccos(np.clip(cosine, -1, 1)), np.pi)
 
     def reachable(
         self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
     ) -> Bool[np.ndarray, " n"]:
         """Whether a direction closer than theta is stored in the cell of each pose; outside the grid never."""
-        return self.nearest(positions, directions)[1] < self.construction.theta
+        return self._index.within(positions, directions, self.construction.theta)
+
+    @cached_property
+    def _index(self) -> DirectionIndex:
+        return DirectionIndex.build(self.grid, self.start, self.directions)
+
+    def reach(
+        self, positions: Float[np.ndarray, "n 3"], rotations: Float[np.ndarray, "n 3 3"]
+    ) -> Int[np.ndarray, " n"]:
+        """Whether whole flange poses can be reached, as `Reach`.
+
+        Args:
+            positions: Flange positions in the base frame, in [m].
+            rotations: Flange orientations in the base frame (columns: its axes).
+
+        Raises:
+            ValueError: If rolls are not tracked on this arm.
+        """
+        self._check_rolls()
+        row, angle = self.nearest(positions, rotations[:, :, 2])
+        answer = np.where(angle < self.construction.theta, Reach.REACHABLE, Reach.UNREACHABLE)
+        if self.gaps is not None:
+            found = np.flatnonzero(answer == Reach.REACHABLE)
+            in_gap = _in_gap(row[found], rotations[found, :, 0], self.directions, self.gaps)
+            answer[found[in_gap]] = Reach.ROLL_NOT_SEEN
+        return answer
+
+    def _check_rolls(self) -> None:
+        if not self.rolls_tracked:
+            raise ValueError(
+                f"The map of {self.construction.robot} knows no rolls: the arm's last axis is not its approach "
+                "direction, or turns through less than half a circle. Ask for directions (`reachable`)."
+            )
+
+    def _arrays(self) -> dict[str, np.ndarray]:
+        arrays = {"start": self.start, "directions": self.directions, "joints": self.joints, "limits": self.limits}
+        return arrays if self.gaps is None else {**arrays, "gaps": self.gaps}
 
     def save(self, path: Path) -> None:
         """Write the map as one safetensors file, atomically."""
-        arrays = {"start": self.start, "directions": self.directions, "joints": self.joints}
         about = {
             "grid": json.dumps(asdict(self.grid)),
             "construction": json.dumps(asdict(self.construction)),
+            "rolls_tracked": json.dumps(self.rolls_tracked),
             "content_hash": self.content_hash,
             "frame": f"base frame of {self.construction.robot}; lengths in m, angles in rad",
         }
-        save_arrays(path, KIND, VERSION, arrays, about)
+        save_arrays(path, KIND, VERSION, self._arrays(), about)
 
     @classmethod
-    def load(cls, path: Path) -> "ReachabilityMap":
-        """Read a map.
+    def load(cls, path: Path, robot: RobotDescription | None = None) -> "ReachabilityMap":
+        """Map a file into memory.
+
+        Args:
+            path: The file.
+            robot: The arm that it must be of, if that matters.
 
         Raises:
-            FileRefusedError: If the file is cut short or damaged, is no map, or has another version.
+            FileRefusedError: If the file is cut short or damaged, is no map, or has another version or another robot.
         """
         arrays, about = load_arrays(path, KIND, VERSION)
-        grid, construction = (
+        construction = Construction(**json.loads(about["construction"]))
+        if robot is not None and robot.fingerprint != construction.robot_fingerprint:
+            raise FileRefusedError(
+                f"{path} is a map of {construction.robot} ({construction.robot_fingerprint[:12]}), not of {robot.name} "
+                f"({robot.fingerprint[:12]}). Build the map of {robot.name}."
+            )
+        robot_map = cls(
             Grid.from_dict(json.loads(about["grid"])),
-            Construction(**json.loads(about["construction"])),
+            gaps=arrays.pop("gaps", None),
+            rolls_tracked=json.loads(about["rolls_tracked"]),
+            construction=construction,
+            **arrays,
         )
-        robot_map = cls(grid, construction=construction, **arrays)
         if robot_map.content_hash != about["content_hash"]:
             raise FileRefusedError(
                 f"{path} is damaged: its content does not have the hash that it names. Build it anew."
@@ -150,15 +250,12 @@ class ReachabilityMap:
 
 @numba.njit(cache=True, parallel=True, nogil=True)
 @no_type_check
-def _nearest(cells, directions, start, stored):
-    rows = np.full(len(cells), -1, dtype=np.int64)
-    cosines = np.full(len(cells), -2.0, dtype=np.float32)
-    for i in numba.prange(len(cells)):
-        if cells[i] >= 0:
-            x, y, z = directions[i]
-            for row in range(start[cells[i]], start[cells[i] + 1]):
-                cosine = x * stored[row, 0] + y * stored[row, 1] + z * stored[row, 2]
-                if cosine > cosines[i]:
-                    cosines[i] = cosine
-                    rows[i] = row
-    return rows, cosines
+def _in_gap(rows, axes, directions, gaps):
+    """Whether the roll of each axis about the direction in its row lies in the gap there."""
+    inside = np.zeros(len(rows), dtype=np.bool_)
+    for i in numba.prange(len(rows)):
+        x, y, z = directions[rows[i]]
+        roll = int(roll_about(axes[i, 0], axes[i, 1], axes[i, 2], x, y, z))
+        start, width = gaps[rows[i]]
+        inside[i] = (roll - int(start)) % FULL_CIRCLE < int(width)
+    return inside

@@ -1,104 +1,123 @@
-"""Random configurations of an arm that are within joint limits and free of self-collision, and their flange poses."""
+"""Random configurations of an arm that are within joint limits and free of self-collision, turned about joint 1."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from richmap.collision import self_collision
+from richmap.kinematics import flange_frames, joint_frames
 from richmap.robot import RobotDescription
 
 
 @dataclass(frozen=True)
-class WorkspaceSamples:
-    """Flange poses with the configurations that reach them."""
+class Orbits:
+    """Flange poses of free configurations, and at which angles of joint 1 each of them is free as well.
+
+    Turn k adds k / turns of a full circle to joint 1 and turns the flange about the base frame's z axis by `way` times
+    as much. An arm whose first axis is another one has one turn per configuration.
+    """
 
     joints: Float[np.ndarray, "n dof"]
-    """Configurations, in [rad]."""
+    """Free configurations, in [rad]."""
     position: Float[np.ndarray, "n 3"]
     """Origin of the flange in the base frame, in [m]."""
     direction: Float[np.ndarray, "n 3"]
     """Approach direction (flange +z) in the base frame, unit length."""
-    independent: int
-    """The first so many samples are drawn independently; the others turn some of them about joint 1."""
+    gap_axis: Float[np.ndarray, "n 3"]
+    """Where the flange's +x axis points at the start of the gap: the rolls that the last joint's limits leave out."""
+    free: Bool[np.ndarray, "n turns"]
+    """Turns that are within the limits of joint 1 and free of self-collision; the first, no turn, always is."""
+    lower: float
+    """Lower limit of joint 1, in [rad]."""
+    way: int
+    """How joint 1 turns the arm about the base frame's z axis: 1 counter-clockwise, -1 clockwise, 0 not about it."""
+
+    @property
+    def turns(self) -> int:
+        """Number of angles of joint 1 per configuration."""
+        return self.free.shape[1]
+
+    def poses(self) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m 3"], Float[np.ndarray, "m dof"]]:
+        """Position, direction and configuration of every free turn, configuration by configuration."""
+        of, turn = np.nonzero(self.free)
+        angle = (2 * np.pi / self.turns * turn).astype(np.float32)
+        joints = self.joints[of]
+        joints[:, 0] = np.where(turn > 0, self.lower + (joints[:, 0] + angle - self.lower) % (2 * np.pi), joints[:, 0])
+        turned = (_rotate_about_z(vectors[of], self.way * angle) for vectors in (self.position, self.direction))
+        return *turned, joints
 
 
-def sample_workspace(
-    robot: RobotDescription, rng: np.random.Generator, configurations: int, turns: int
-) -> WorkspaceSamples:
+def sample_workspace(robot: RobotDescription, rng: np.random.Generator, configurations: int, turns: int) -> Orbits:
     """Draw configurations uniformly within the joint limits and keep those free of self-collision.
 
-    Each free configuration is used again at up to `turns - 1` further angles of joint 1, spread over the circle, where
-    it is known to stay free (orbit sampling; `SelfCollision.free_turns`).
+    Each free configuration is used again at the other `turns - 1` angles of joint 1, evenly spread over the circle,
+    where it is known to stay free (orbit sampling; `SelfCollision.free_turns`). Joint 1 being uniform, so are they.
 
     Args:
         robot: The arm; orbit sampling is used if its first axis is the base frame's z axis, up or down.
         rng: Source of randomness.
         configurations: Number of configurations to draw.
-        turns: Angles of joint 1 per configuration; 1 switches orbit sampling off.
+        turns: Angles of joint 1 per configuration, a power of two; 1 switches orbit sampling off.
     """
     joints = rng.uniform(robot.lower, robot.upper, (configurations, len(robot.joints)))
-    phase = rng.random((configurations, max(turns - 1, 0)))
     check = self_collision(robot)
-    free = ~check(joints)
-    joints, phase = joints[free], phase[free]
-    position, direction = flange_poses(robot, joints)
+    joints = joints[~check(joints)]
+    position, rotation = flange_frames(robot, joints)
     way = way_about_base_z(robot)
-    if turns == 1 or way == 0:
-        return _as_float32(joints, position, direction, len(joints))
-
-    middle = (robot.lower[0] + robot.upper[0]) / 2
-    width = min(robot.upper[0] - robot.lower[0], 2 * np.pi)
-    angle = middle + width * ((np.arange(turns - 1) + phase) / (turns - 1) - 0.5)
-    of, turn = np.nonzero(check.free_turns(joints, angle))
-    turned = joints[of]
-    turned[:, 0] = angle[of, turn]
-    by = way * (turned[:, 0] - joints[of, 0])
-    return _as_float32(
-        np.concatenate([joints, turned]),
-        np.concatenate([position, _rotate_about_z(position[of], by)]),
-        np.concatenate([direction, _rotate_about_z(direction[of], by)]),
-        len(joints),
+    if way == 0:
+        turns = 1
+    free = check.free_turns(joints, turns)
+    for k in range(1, turns):
+        free[:, k] &= within_limits(robot, joints[:, 0] + 2 * np.pi * k / turns)
+    as_float = np.float32
+    return Orbits(
+        joints.astype(as_float),
+        position.astype(as_float),
+        rotation[:, :, 2].astype(as_float),
+        _gap_axes(robot, joints, rotation).astype(as_float),
+        free,
+        float(robot.lower[0]),
+        way,
     )
 
 
-def flange_poses(
-    robot: RobotDescription, joints: Float[np.ndarray, "n dof"]
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-    """Position, in [m], and approach direction of the flange in the base frame, by pytorch-kinematics in float64."""
-    import torch
-
-    pose = _chain(robot).forward_kinematics(torch.as_tensor(joints)).get_matrix().numpy()
-    return pose[:, :3, 3], pose[:, :3, 2]
+def within_limits(robot: RobotDescription, angle: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Whether joint 1 reaches each angle, in [rad], perhaps some full turns away."""
+    lower, upper = robot.lower[0], robot.upper[0]
+    return (angle - lower) % (2 * np.pi) <= upper - lower
 
 
 def way_about_base_z(robot: RobotDescription) -> int:
     """How joint 1 turns the arm about the base frame's z axis: 1 counter-clockwise, -1 clockwise, 0 not about it."""
-    rng = np.random.default_rng(0)
-    joints = rng.uniform(robot.lower, robot.upper, (8, len(robot.joints)))
-    before, after = flange_poses(robot, joints), flange_poses(robot, joints + np.eye(len(robot.joints))[0])
-    for way in (1, -1):
-        by = np.full(8, float(way))
-        if all(np.allclose(_rotate_about_z(b, by), a, atol=1e-6) for b, a in zip(before, after, strict=True)):
-            return way
-    return 0
+    first = joint_frames(robot)[0]  # the frame whose z axis is joint 1's
+    on_axis = np.allclose(first[:2, 3], 0, atol=1e-9) and np.allclose(first[:2, 2], 0, atol=1e-9)
+    return round(first[2, 2]) if on_axis else 0
 
 
-@lru_cache
-def _chain(robot: RobotDescription):
-    import torch
+def roll_gap(robot: RobotDescription) -> float | None:
+    """Width of the gap in the rolls about the approach direction that the last joint turns through, in [rad].
 
-    return robot.chain().to(dtype=torch.float64)
+    0 if it turns through all of them. None where rolls are not tracked: where the last axis is not the approach
+    direction, or turns through less than half a circle (two gaps may then overlap in two pieces).
+    """
+    last = joint_frames(robot)[-1]  # the flange seen from the frame whose z axis is the last joint's
+    width = 2 * np.pi - (robot.upper[-1] - robot.lower[-1])
+    if not np.allclose(np.abs(last[2, 2]), 1, atol=1e-6) or width >= np.pi:
+        return None
+    return max(float(width), 0.0)
+
+
+def _gap_axes(
+    robot: RobotDescription, joints: Float[np.ndarray, "n dof"], rotation: Float[np.ndarray, "n 3 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """The flange's x axis, rolled on from each configuration to where the last joint comes to its end."""
+    along = joint_frames(robot)[-1][2, 2] > 0  # a positive turn of the last joint is a positive roll
+    roll = robot.upper[-1] - joints[:, -1] if along else joints[:, -1] - robot.lower[-1]
+    return np.cos(roll)[:, None] * rotation[:, :, 0] + np.sin(roll)[:, None] * rotation[:, :, 1]
 
 
 def _rotate_about_z(vectors: Float[np.ndarray, "n 3"], by: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
     c, s = np.cos(by), np.sin(by)
     x, y, z = vectors.T
     return np.stack([c * x - s * y, s * x + c * y, z], axis=1)
-
-
-def _as_float32(joints, position, direction, independent: int) -> WorkspaceSamples:
-    return WorkspaceSamples(
-        joints.astype(np.float32), position.astype(np.float32), direction.astype(np.float32), independent
-    )

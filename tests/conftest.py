@@ -22,7 +22,7 @@ def sampled_map():
         cell = grid.cells_of(position)
         inside = cell >= 0
         rows = cell[inside], rotation[inside, :, 2].astype(np.float32), joints[inside].astype(np.float32)
-        settings = Construction(name, robot.fingerprint, theta=0.3, seed=0, batch=1, turns=1, stop_rate=0.1)
-        return ReachabilityMap.from_rows(grid, *rows, settings)
+        settings = Construction(name, robot.fingerprint, theta=0.3, seed=0, draw=1, turns=1, stop_rate=0.1, target=0)
+        return ReachabilityMap.from_rows(grid, *rows, np.stack([robot.lower, robot.upper]), settings)
 
     return make

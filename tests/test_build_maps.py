@@ -8,7 +8,7 @@ from benchmark.config import EnergyConfig, MapConfig
 from richmap.robots import load_robot
 
 COMMON_BASE = (0.0, 0.0, 0.0)
-COARSE = MapConfig(cell_size=0.2, theta=0.3, batch=200, turns=16, stop_rate=0.2)
+COARSE = MapConfig(cell_size=0.2, theta=0.3, draw=200, turns=16, stop_rate=0.2)
 
 
 @pytest.fixture

@@ -86,14 +86,17 @@ def test_statements_are_judged_only_where_their_arms_are(table):
     assert "| ur3   | smoothing=2.0 " in text and "UR3's mean slope over all positions points inward" in text
 
 
+LIMITS = np.array([[-1.0] * 6, [1.0] * 6])
+
+
 def a_map(description, base, config, workers, console):
     """What `robot_map` could give: a few directions in every cell, other ones for each arm."""
     grid = Grid.around_base(config.cell_size, config.half_width, config.z_offset)
     cell = np.repeat(np.arange(grid.n_cells), 3)
     v = np.random.default_rng([len(description.name), config.seed]).normal(size=(len(cell), 3)).astype(np.float32)
     v /= np.linalg.norm(v, axis=1, keepdims=True)
-    about = Construction(description.name, "", config.theta, config.seed, 1, 1, config.stop_rate)
-    return ReachabilityMap.from_rows(grid, cell, v, np.zeros((len(v), 6), np.float32), about)
+    about = Construction(description.name, "", config.theta, config.seed, 1, 1, config.stop_rate, 0)
+    return ReachabilityMap.from_rows(grid, cell, v, np.zeros((len(v), 6)), LIMITS, about)
 
 
 def test_the_command_stores_each_arm_and_keeps_what_is_there(tmp_path, monkeypatch, capsys):

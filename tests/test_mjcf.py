@@ -5,8 +5,8 @@ import pytest
 import trimesh
 
 from richmap.custom import custom_robot
+from richmap.kinematics import flange_frames
 from richmap.mjcf import urdf_from_mjcf
-from richmap.sampling import flange_poses
 
 ARM = """
 <mujoco>
@@ -61,8 +61,8 @@ def test_frames_move_as_in_mujoco(file):
     data = mujoco.MjData(model)
     assert robot.joints == ("pan", "lift", "elbow", "roll")
     joints = np.random.default_rng(0).uniform(robot.lower, robot.upper, (50, 4))
-    position, direction = flange_poses(robot, joints)
-    for q, p, v in zip(joints, position, direction, strict=True):
+    position, rotation = flange_frames(robot, joints)
+    for q, p, v in zip(joints, position, rotation[:, :, 2], strict=True):
         data.qpos[:] = q + model.qpos0
         mujoco.mj_kinematics(model, data)
         expected, turn = relative(data, "site", "tip")

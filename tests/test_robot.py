@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 import torch
 
+from richmap.kinematics import flange_frames
 from richmap.mujoco_model import arm_spec
 from richmap.robots import ROBOTS, load_robot
-from richmap.sampling import flange_poses
 
 UR_DH = {  # d1, a2, a3, d4, d5, d6 as published by Universal Robots, in [m]
     "ur3": (0.1519, -0.24365, -0.21325, 0.11235, 0.08535, 0.0819),
@@ -93,10 +93,10 @@ def assert_flange(name, flange, length, angle=None):
     """Position and approach direction of the flange agree at random configurations."""
     robot = load_robot(name)
     joints = random_joints(robot, 50)
-    position, direction = flange_poses(robot, joints)
+    position, rotation = flange_frames(robot, joints)
     pose = np.array([flange(q) for q in joints])
     assert np.linalg.norm(pose[:, :3, 3] - position, axis=1).max() < length
-    assert np.linalg.norm(pose[:, :3, 2] - direction, axis=1).max() < (angle or length)
+    assert np.linalg.norm(pose[:, :3, 2] - rotation[:, :, 2], axis=1).max() < (angle or length)
 
 
 def product(matrices):

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from richmap.collision import self_collision
+from richmap.kinematics import flange_frames
 from richmap.robots import ROBOTS, load_robot
-from richmap.sampling import flange_poses, sample_workspace
+from richmap.sampling import roll_gap, sample_workspace
 
 
 @pytest.fixture(params=ROBOTS)
@@ -11,22 +12,38 @@ def robot(request):
     return load_robot(request.param)
 
 
-def test_samples_are_within_limits_and_free_and_where_they_say(robot):
-    samples = sample_workspace(robot, np.random.default_rng(5), configurations=200, turns=16)
-    joints = samples.joints.astype(float)
-    assert len(joints) > 5 * samples.independent
+def test_poses_are_within_limits_and_free_and_where_they_say(robot):
+    orbits = sample_workspace(robot, np.random.default_rng(5), configurations=100, turns=16)
+    position, direction, joints = orbits.poses()
+    joints = joints.astype(float)
+    assert len(joints) == orbits.free.sum() > 5 * len(orbits.joints)
     assert (joints >= robot.lower - 1e-6).all() and (joints <= robot.upper + 1e-6).all()
     assert not self_collision(robot)(joints).any()
-    position, direction = flange_poses(robot, joints)
-    assert np.allclose(position, samples.position, atol=1e-5)
-    assert np.allclose(direction, samples.direction, atol=1e-5)
+    expected_position, rotation = flange_frames(robot, joints)
+    assert np.allclose(position, expected_position, atol=1e-5)
+    assert np.allclose(direction, rotation[:, :, 2], atol=1e-5)
 
 
 def test_one_turn_is_plain_sampling(robot):
-    samples = sample_workspace(robot, np.random.default_rng(5), configurations=100, turns=1)
-    assert samples.independent == len(samples.joints) <= 100
+    orbits = sample_workspace(robot, np.random.default_rng(5), configurations=100, turns=1)
+    assert orbits.free.shape == (len(orbits.joints), 1) and orbits.free.all()
 
 
 def test_the_same_seed_gives_the_same_samples(robot):
     a, b = (sample_workspace(robot, np.random.default_rng((4, 2)), 50, 8) for _ in range(2))
-    assert (a.joints == b.joints).all() and (a.position == b.position).all()
+    assert (a.joints == b.joints).all() and (a.free == b.free).all()
+
+
+def test_the_gap_begins_where_the_last_joint_ends(robot):
+    """Turned to one of its limits, the last joint brings the flange's x axis to the start of the gap."""
+    orbits = sample_workspace(robot, np.random.default_rng(5), configurations=50, turns=1)
+    at_upper, at_lower = orbits.joints.astype(float), orbits.joints.astype(float)
+    at_upper[:, -1], at_lower[:, -1] = robot.upper[-1], robot.lower[-1]
+    ends = [flange_frames(robot, joints)[1][:, :, 0] for joints in (at_upper, at_lower)]
+    assert any(np.allclose(orbits.gap_axis, axes, atol=1e-5) for axes in ends)
+
+
+def test_only_panda_and_iiwa7_leave_rolls_out():
+    gaps = {name: roll_gap(load_robot(name)) for name in ROBOTS}
+    assert {name for name, gap in gaps.items() if gap} == {"panda", "iiwa7"}
+    assert gaps["panda"] == pytest.approx(2 * np.pi - 2 * 2.8973)

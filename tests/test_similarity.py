@@ -17,8 +17,10 @@ def directions(n, seed, spread=1.0):
 def a_map(sets, grid=GRID):
     cell = np.repeat(list(sets), [len(v) for v in sets.values()])
     rows = np.concatenate(list(sets.values())).astype(np.float32)
-    about = Construction("robot", "", 0.1, 0, 1, 1, 0.1)
-    return ReachabilityMap.from_rows(grid, cell, rows, np.zeros((len(rows), 6), np.float32), about)
+    about = Construction("robot", "", 0.1, 0, 1, 1, 0.1, 0)
+    return ReachabilityMap.from_rows(
+        grid, cell, rows, np.zeros((len(rows), 6)), np.array([[-1.0] * 6, [1.0] * 6]), about
+    )
 
 
 def mmd_squared_slow(x, y, scales):

@@ -20,13 +20,13 @@ RADIAL_SLOPE = {
 
 
 @pytest.fixture(scope="module")
-def maps():
+def maps(tmp_path_factory):
     grid = Grid.around_base(cell_size=0.05, half_width=1.0, z_offset=0.2)
     built = {}
     for name in ("xarm6", "ur3"):
         robot = load_robot(name)
-        settings = Construction(name, robot.fingerprint, 0.1, seed=0, batch=8192, turns=64, stop_rate=0.1)
-        built[name] = build_map(robot, grid, settings, workers=1)
+        settings = Construction(name, robot.fingerprint, 0.1, seed=0, draw=4096, turns=128, stop_rate=0.1, target=0)
+        built[name] = build_map(robot, grid, settings, tmp_path_factory.mktemp(name), workers=1)
     return built
 
 
