@@ -11,7 +11,7 @@ from typing import no_type_check
 import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
-from scipy.ndimage import maximum_filter, minimum_filter
+from scipy.ndimage import generate_binary_structure, maximum_filter, minimum_filter
 
 from richmap.files import FileRefusedError, load_arrays, save_arrays
 from richmap.free_samples import free_samples, in_chunks
@@ -258,8 +258,10 @@ _SIDES = [(axis, way) for axis in range(4) for way in (1, -1)]
 
 
 def _boundary(centres: Bool[np.ndarray, "nx ny nz angles"]) -> Int[np.ndarray, " n"]:
-    """Flat indices of the cells that do not have the same answer as all cells about them."""
-    return np.flatnonzero(maximum_filter(centres, 3, mode="nearest") != minimum_filter(centres, 3, mode="nearest"))
+    """Flat indices of the cells that do not have the same answer as the next cells along each coordinate."""
+    cross = generate_binary_structure(4, 1)  # The whole neighbourhood takes twice as long and changes no figure.
+    greatest = maximum_filter(centres, footprint=cross, mode="nearest")
+    return np.flatnonzero(greatest != minimum_filter(centres, footprint=cross, mode="nearest"))
 
 
 def _reach(
