@@ -34,6 +34,7 @@ def capability_map(description: "RobotDescription", config: CapabilityMapConfig,
 
     from benchmark.cache import cached, fingerprint
     from richmap import (
+        bounding_spheres,
         capability_construction,
         capability_map,
         collision,
@@ -51,7 +52,8 @@ def capability_map(description: "RobotDescription", config: CapabilityMapConfig,
     settings = config.theta, config.seed, config.draw, config.turns, config.stop_rate, target
     asked = capability_map.CapabilityConstruction(name, description.fingerprint, *settings)
     code = [
-        capability_construction, capability_map, collision, grid, kinematics, robot, rotations, sampling, shape,
+        bounding_spheres, capability_construction, capability_map, collision, grid, kinematics, robot, rotations,
+        sampling, shape,
     ]  # fmt: skip
     key = fingerprint({"grid": asdict(cells), "construction": asdict(asked)}, code)
     file = f"capability_maps/{name}-{key[:16]}.safetensors"

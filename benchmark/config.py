@@ -344,7 +344,7 @@ class CapabilityMapConfig:
     """The grid spans this far from the base along x and y, and up and down, in m, above 0."""
     z_offset: float = 0.2
     """How much the grid is raised against the base, in m."""
-    stop_rate: float = 0.01
+    stop_rate: float = 0.005
     """Building stops when a draw brings less than this fraction of new orientations; between 0 and 1."""
     target: int | None = None
     """Building also stops at so many orientations; 0 for no such target, null for the paper's count where it has one
