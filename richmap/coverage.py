@@ -11,6 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
 from richmap.direction_index import EMPTY, DirectionIndex, any_within, blocks, cell_of
+from richmap.directions import WARP
+from richmap.directions import _corners as bin_corners
 from richmap.files import load_arrays, save_arrays
 from richmap.grid import Grid
 
@@ -18,9 +20,6 @@ KIND, VERSION = "richmap.CoverageBitmap", 1
 
 BINS_PER_EDGE = 96
 """Bins along an edge of a cube's face: 55,296 bins of about 0.9 degrees, 6,912 bytes for a cell."""
-
-WARP = 0.273
-"""Faces of the cube are divided evenly in u (1 + WARP (1 - |u|)), within 0.3 degrees of even angles and cheap."""
 
 TILE = 8
 """Bins are numbered by squares of so many by so many, which are painted at once by vector instructions."""
@@ -165,15 +164,7 @@ def _tiles_around(n: int, theta: float):
 
 def _corners(n: int) -> Float[np.ndarray, "bins 4 3"]:
     """Corners of all bins as unit vectors, in the order of `_bin_of`: face, tile, place in the tile."""
-    even = np.linspace(-1, 1, n + 1)
-    edge = np.sign(even) * (1 + WARP - np.sqrt((1 + WARP) ** 2 - 4 * WARP * np.abs(even))) / (2 * WARP)
-    u, v = np.meshgrid(edge, edge, indexing="ij")
-    one = np.ones_like(u)
-    faces = [(one, u, v), (-one, u, v), (u, one, v), (u, -one, v), (u, v, one), (u, v, -one)]
-    points = np.stack([np.stack(face, -1) for face in faces])
-    points /= np.linalg.norm(points, axis=-1, keepdims=True)
-    quads = [points[:, :-1, :-1], points[:, 1:, :-1], points[:, :-1, 1:], points[:, 1:, 1:]]
-    corners = np.stack(quads, axis=3).reshape(6, n // TILE, TILE, n // TILE, TILE, 4, 3)
+    corners = bin_corners(n).reshape(6, n // TILE, TILE, n // TILE, TILE, 4, 3)
     return corners.swapaxes(2, 3).reshape(-1, 4, 3)
 
 
@@ -221,14 +212,22 @@ def _paint(first, last, directions, n, centre, radius, offsets, lists, theta):
                     cosine = x * centre[t, 0, k] + y * centre[t, 1, k] + z * centre[t, 2, k]
                     best[t, k] = cosine if cosine > best[t, k] else best[t, k]
         nearest = best.reshape(-1)
-        for byte in range(size):
-            bits, open_bits = np.uint8(0), np.uint8(0)
-            for k in range(8):
-                b = 8 * byte + k
-                bits |= np.uint8(nearest[b] > least) << np.uint8(k)
-                open_bits |= np.uint8((nearest[b] > beyond[b]) & (nearest[b] < within[b])) << np.uint8(k)
-            covered[c, byte], undecided[c, byte] = bits, open_bits
+        is_covered, is_open = np.empty(6 * n * n, dtype=np.uint8), np.empty(6 * n * n, dtype=np.uint8)
+        for b in range(6 * n * n):
+            is_covered[b] = nearest[b] > least
+            is_open[b] = (nearest[b] > beyond[b]) & (nearest[b] < within[b])
+        _pack(is_covered, covered[c])
+        _pack(is_open, undecided[c])
     return covered, undecided
+
+
+@numba.njit(cache=True, inline="always")
+@no_type_check
+def _pack(flags, packed):
+    """Eight flags, 0 or 1, to a byte, the first one lowest: the product brings them together in the highest byte."""
+    eights = flags.view(np.uint64)
+    for i in range(len(packed)):
+        packed[i] = (eights[i] * np.uint64(0x0102040810204080)) >> np.uint64(56)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -20,7 +20,7 @@ BLOCKS = 6 * BLOCKS_PER_EDGE**2
 EMPTY = -1
 
 PART = 1 << 18
-"""Queries that are put in the order of cells at once, so that what a cell holds is read from memory once."""
+"""At most so many queries are put in the order of cells at once, so that what a cell holds is read from memory once."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,9 @@ class DirectionIndex:
             where there is none).
         """
         directions = directions.astype(np.float32, copy=False)
-        return _nearest(positions, directions, *self._cells, *self._stored, self.rows, *blocks())
+        return _nearest(
+            positions, directions, _part_size(len(directions)), *self._cells, *self._stored, self.rows, *blocks()
+        )
 
     def within(
         self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"], angle: float
@@ -99,7 +101,9 @@ class DirectionIndex:
         """
         directions = directions.astype(np.float32, copy=False)
         cosine = np.float32(np.cos(angle))
-        return _within(positions, directions, *self._cells, *self._stored, cosine, *blocks())
+        return _within(
+            positions, directions, _part_size(len(directions)), *self._cells, *self._stored, cosine, *blocks()
+        )
 
     @property
     def nbytes(self) -> int:
@@ -119,6 +123,11 @@ class DirectionIndex:
 def block_of(directions: Float[np.ndarray, "n 3"]) -> UInt[np.ndarray, " n"]:
     """Block of each unit vector: rows of a map that are sorted by cell and by this need no copy in the index."""
     return _block_of_each(directions)
+
+
+def _part_size(queries: int) -> int:
+    """How many queries a thread takes at once."""
+    return min(PART, max(-(-queries // numba.get_num_threads()), 1))
 
 
 @lru_cache
@@ -201,12 +210,13 @@ def _by_slot(positions, origin, cell_size, shape, slot, filled):
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
 @no_type_check
 def _nearest(
-    positions, queries, origin, cell_size, shape, slot, start, offsets, directions, rows, centre, cr, sr, order, limit
-):
+    positions, queries, size, origin, cell_size, shape, slot, start, offsets,
+    directions, rows, centre, cr, sr, order, limit,
+):  # fmt: skip
     found = np.full(len(queries), -1, dtype=np.int64)
     cosines = np.full(len(queries), -2.0, dtype=np.float32)
-    for part in numba.prange((len(queries) + PART - 1) // PART):
-        begin, end = part * PART, min((part + 1) * PART, len(queries))
+    for part in numba.prange((len(queries) + size - 1) // size):
+        begin, end = part * size, min((part + 1) * size, len(queries))
         slots, sequence = _by_slot(positions[begin:end], origin, cell_size, shape, slot, len(start))
         for n in range(len(sequence)):
             i = begin + sequence[n]
@@ -278,11 +288,12 @@ def any_within(x, y, z, first, offsets, directions, cosine, order, limit):
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
 @no_type_check
 def _within(
-    positions, queries, origin, cell_size, shape, slot, start, offsets, directions, cosine, centre, cr, sr, order, limit
-):
+    positions, queries, size, origin, cell_size, shape, slot, start, offsets,
+    directions, cosine, centre, cr, sr, order, limit,
+):  # fmt: skip
     found = np.zeros(len(queries), dtype=np.bool_)
-    for part in numba.prange((len(queries) + PART - 1) // PART):
-        begin, end = part * PART, min((part + 1) * PART, len(queries))
+    for part in numba.prange((len(queries) + size - 1) // size):
+        begin, end = part * size, min((part + 1) * size, len(queries))
         slots, sequence = _by_slot(positions[begin:end], origin, cell_size, shape, slot, len(start))
         for n in range(len(sequence)):
             i, s = begin + sequence[n], slots[sequence[n]]
