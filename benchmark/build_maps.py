@@ -3,6 +3,7 @@
 python -m benchmark.build_maps robot=ur3
 """
 
+import math
 import shutil
 from dataclasses import asdict
 from pathlib import Path
@@ -63,7 +64,9 @@ def robot_map(
 
     def build() -> reachability_map.ReachabilityMap:
         with MapProgress(name, config, console) as progress:
-            return construction.build_map(description, cells, asked, folder, workers, progress.report)
+            built = construction.build_map(description, cells, asked, folder, workers, progress.report)
+        _seconds_file(built).write_text(f"{progress.seconds:.1f}")
+        return built
 
     def load(path: Path) -> reachability_map.ReachabilityMap:
         return reachability_map.ReachabilityMap.load(path, description)
@@ -78,6 +81,19 @@ def robot_map(
         soft_wrap=True,
     )
     return built
+
+
+def build_seconds(built: "ReachabilityMap") -> float:
+    """Wall time that the build of a map took on this machine, in [s]; NaN where it was not built here."""
+    file = _seconds_file(built)
+    return float(file.read_text()) if file.exists() else math.nan
+
+
+def _seconds_file(built: "ReachabilityMap") -> Path:
+    """Beside the map and not in it: the same settings give the same file."""
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("richmap"), "maps", f"{built.content_hash[:16]}.seconds")
 
 
 def energy_field(
@@ -123,6 +139,8 @@ class MapProgress:
     def __init__(self, robot: str, config: MapConfig, console: Console) -> None:
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+        self.seconds = 0.0
+        """What the build took so far, in [s]."""
         self._stop_rate, self._target = config.stop_rate, config.target
         self._progress = Progress(
             TextColumn("Map of {task.fields[robot]}"),
@@ -146,6 +164,7 @@ class MapProgress:
 
     def report(self, progress: "BuildProgress") -> None:
         """The insertion rate falls about as 1 / poses, so the share done is stop rate over rate."""
+        self.seconds = progress.seconds
         shares = [self._stop_rate / max(progress.batch_rate, 1e-9)]
         if self._target:
             shares.append(progress.inserted / self._target)

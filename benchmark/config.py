@@ -214,6 +214,21 @@ class BuildMapsConfig:
 
 
 @dataclass
+class MergeMapsConfig:
+    """Merges maps of one arm, built from different seeds or on different machines, into one theta-separated map."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm that all the maps are of."""
+    inputs: list[str] = field(default_factory=list)
+    """Map files, two or more, as in inputs=[a.safetensors,b.safetensors]; same grid and theta, each of its own seed."""
+    output: str = "merged.safetensors"
+    """File of the merged map."""
+
+    def __post_init__(self) -> None:
+        check_folder(str(Path(self.output).parent), "output")
+
+
+@dataclass
 class OracleConfig:
     """Rolls out the scripted oracle on an arm: what the task allows there without a learned policy."""
 
@@ -472,8 +487,8 @@ def check_seeds(first: int, count: int) -> None:
     check_setting(0 <= first <= 2**32 - count, "seed_start", first, "a whole number from 0 to 2^32 - episodes")
 
 
-def check_folder(folder: str) -> None:
+def check_folder(folder: str, setting: str = "output_dir") -> None:
     """Raise `SettingError` unless the folder, or the one to make it in, can be written to."""
     existing = next(path for path in [Path(folder), *Path(folder).absolute().parents] if path.exists())
     usable = existing.is_dir() and os.access(existing, os.W_OK)
-    check_setting(usable, "output_dir", folder, f"a folder that can be written to; {existing} cannot")
+    check_setting(usable, setting, folder, f"a folder that can be written to; {existing} cannot")

@@ -60,22 +60,21 @@ class VerifiedMap:
 
 def reachability_map(robot: "RobotDescription", config: VerifyMapsConfig, console: "Console") -> VerifiedMap:
     """The map of directions, theta apart, in the paper's workspace."""
-    from benchmark.build_maps import robot_map
+    from benchmark.build_maps import build_seconds, robot_map
     from benchmark.poses import paper_z_offset
 
     settings = replace(config.map, z_offset=paper_z_offset(robot))
     built = robot_map(robot, (0.0, 0.0, 0.0), settings, config.workers, console)
-    size = sum(array.nbytes for array in (built.start, built.directions, built.joints))
     return VerifiedMap(
         name="richmap",
         reachable=lambda positions, rotations: built.reachable(positions, rotations[:, :, 2]),
         cell_size=built.grid.cell_size,
         inserted=built.inserted,
         occupancy=built.occupancy,
-        insertion_rate=built.inserted / built.construction.offered,
-        build_s=float("nan"),
-        bytes_memory=size,
-        bytes_disk=size,  # The file holds the arrays as they are.
+        insertion_rate=built.insertion_rate,
+        build_s=build_seconds(built),
+        bytes_memory=built.bytes_memory,
+        bytes_disk=built.bytes_memory,  # The file holds the arrays as they are.
         cells=built.grid.n_cells,
     )
 

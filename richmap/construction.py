@@ -10,6 +10,7 @@ from itertools import count
 from math import ceil
 from multiprocessing import get_context
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 
@@ -36,6 +37,8 @@ class BuildProgress:
     """Insertion rate of the batch."""
     independent_rate: float
     """Insertion rate among the batch's independently drawn poses."""
+    seconds: float
+    """Time spent on the build so far, that before an interruption included."""
 
 
 def build_map(
@@ -64,12 +67,14 @@ def build_map(
         FileRefusedError: If the folder holds the state of another build.
     """
     inserter = _empty(robot, grid, construction, folder)
-    reached = _resume(folder, inserter, construction)
+    reached, seconds = _resume(folder, inserter, construction)
+    begin = perf_counter() - seconds
     with _Samplers(robot, construction, workers) as samplers:
         draws = samplers.draws(reached.draws)
         while not _done(reached, inserter.inserted):
             reached = _insert_batch(inserter, draws, reached)
-            _commit(folder, inserter, reached)
+            seconds = perf_counter() - begin
+            _commit(folder, inserter, reached, seconds)
             report(
                 BuildProgress(
                     inserter.inserted,
@@ -77,6 +82,7 @@ def build_map(
                     inserter.occupancy,
                     reached.batch_rate,
                     reached.independent_rate,
+                    seconds,
                 )
             )
     return _finish(robot, inserter, reached)
@@ -159,24 +165,26 @@ def _identity(grid: Grid, construction: Construction) -> dict:
     return json.loads(json.dumps({"version": STATE_VERSION, "grid": asdict(grid), **settings}))
 
 
-def _commit(folder: Path, inserter: Inserter, reached: Construction) -> None:
+def _commit(folder: Path, inserter: Inserter, reached: Construction, seconds: float) -> None:
     """Say how far the files in the folder are valid; what lies beyond is written again after an interruption."""
-    state = {"of": _identity(inserter.grid, reached), "inserted": inserter.inserted, "reached": asdict(reached)}
+    about = {"inserted": inserter.inserted, "reached": asdict(reached), "seconds": seconds}
+    state = {"of": _identity(inserter.grid, reached), **about}
     temporary = folder / "state.tmp"
     temporary.write_text(json.dumps(state))
     os.replace(temporary, folder / "state.json")
 
 
-def _resume(folder: Path, inserter: Inserter, construction: Construction) -> Construction:
+def _resume(folder: Path, inserter: Inserter, construction: Construction) -> tuple[Construction, float]:
+    """What an earlier process had reached, and the seconds it took."""
     file = folder / "state.json"
     if not file.exists():
-        return construction
+        return construction, 0.0
     state = json.loads(file.read_text())
     if state["of"] != _identity(inserter.grid, construction):
         raise FileRefusedError(f"{folder} holds the state of another build ({state['of']}). Delete it or name another.")
     reached = Construction(**state["reached"])
     inserter.resume(state["inserted"], reached.offered)
-    return replace(reached, stop_rate=construction.stop_rate, target=construction.target)
+    return replace(reached, stop_rate=construction.stop_rate, target=construction.target), state["seconds"]
 
 
 class _Samplers:

@@ -3,8 +3,11 @@ import dataclasses
 import pytest
 from rich.console import Console
 
-from benchmark.build_maps import energy_field
-from benchmark.config import EnergyConfig, MapConfig
+from benchmark import merge_maps
+from benchmark.build_maps import energy_field, robot_map
+from benchmark.command import SettingError
+from benchmark.config import EnergyConfig, MapConfig, MergeMapsConfig, RobotConfig
+from richmap.reachability_map import ReachabilityMap
 from richmap.robots import load_robot
 
 COMMON_BASE = (0.0, 0.0, 0.0)
@@ -51,3 +54,20 @@ def test_a_moved_base_moves_the_field_with_the_arm(cache):
     assert moved.grid == common.grid  # both in the world frame
     assert (moved.values != common.values).any()
     assert len(files(cache)) == 5
+
+
+def test_maps_of_two_seeds_are_merged_from_their_files(cache, tmp_path):
+    console, robot = Console(quiet=True), load_robot("ur3")
+    for seed in (1, 2):
+        config = dataclasses.replace(COARSE, seed=seed)
+        robot_map(robot, COMMON_BASE, config, 1, console).save(tmp_path / f"{seed}.safetensors")
+    inputs = [str(tmp_path / f"{seed}.safetensors") for seed in (1, 2)]
+    config = MergeMapsConfig(RobotConfig("ur3"), inputs, str(tmp_path / "both.safetensors"))
+    merge_maps.main(config)
+    parts = [ReachabilityMap.load(tmp_path / f"{seed}.safetensors") for seed in (1, 2)]
+    both = ReachabilityMap.load(tmp_path / "both.safetensors", robot)
+    assert both.inserted > max(part.inserted for part in parts)
+    with pytest.raises(SettingError, match="not of ur5"):
+        merge_maps.main(dataclasses.replace(config, robot=RobotConfig("ur5")))
+    with pytest.raises(SettingError, match="inputs"):
+        merge_maps.main(dataclasses.replace(config, inputs=inputs[:1]))

@@ -1,0 +1,39 @@
+"""One map of what several maps of an arm hold, such as those of a cluster's jobs with other seeds.
+
+python -m benchmark.merge_maps robot=panda inputs=[a.safetensors,b.safetensors] output=panda.safetensors
+"""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from benchmark.command import SettingError, check_setting, run_command
+from benchmark.config import MergeMapsConfig
+
+
+def main(config: MergeMapsConfig) -> None:
+    """Merge and say what came of it."""
+    check_setting(len(config.inputs) >= 2, "inputs", config.inputs, "two map files or more, as in inputs=[a,b]")
+    from rich.console import Console
+
+    from richmap.construction import merge
+    from richmap.files import FileRefusedError
+    from richmap.reachability_map import ReachabilityMap
+
+    console, robot, output = Console(), config.robot.load(), Path(config.output)
+    try:
+        maps = [ReachabilityMap.load(Path(path), robot) for path in config.inputs]
+        output.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=output.parent) as folder, console.status("Merging"):
+            merged = merge(robot, maps, Path(folder))
+    except (FileNotFoundError, FileRefusedError, ValueError) as error:
+        raise SettingError(str(error)) from error
+    merged.save(output)
+    console.print(
+        f"{' + '.join(f'{m.inserted / 1e6:.2f}' for m in maps)} M directions of {robot.name} make "
+        f"{merged.inserted / 1e6:.2f} M in {100 * merged.occupancy:.1f} % of the cells. {output}",
+        soft_wrap=True,
+    )
+
+
+if __name__ == "__main__":
+    run_command(main, MergeMapsConfig, "merge_maps")
