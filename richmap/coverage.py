@@ -10,7 +10,7 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
-from richmap.direction_index import EMPTY, DirectionIndex, any_within, blocks, cell_of
+from richmap.direction_index import EMPTY, DirectionIndex, any_within, cell_of, runs_within
 from richmap.directions import WARP
 from richmap.directions import _corners as bin_corners
 from richmap.files import load_arrays, save_arrays
@@ -95,14 +95,12 @@ class CoverageBitmap:
     def reachable_exactly(
         self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"], index: DirectionIndex
     ) -> Bool[np.ndarray, " n"]:
-        """What `index.within(positions, directions, theta)` answers, which is asked in open bins only."""
+        """What `index.within(positions, directions)` answers, which is asked in open bins only."""
         directions = directions.astype(np.float32, copy=False)
-        stored = index.start, index.offsets, index.directions
         cosine = np.float32(np.cos(self.theta))
-        *_, order, limit = blocks()
         return _look_up_exactly(
             positions, directions, *self._cells, self.covered, self.open, self.bins_per_edge,
-            *stored, cosine, order, limit,
+            *index.stored, cosine, *runs_within(self.theta),
         )  # fmt: skip
 
     @property
@@ -266,7 +264,7 @@ def _look_up(positions, directions, origin, cell_size, shape, slot, covered, n):
 @no_type_check
 def _look_up_exactly(
     positions, directions, origin, cell_size, shape, slot, covered, undecided, n,
-    start, offsets, stored, cosine, order, limit,
+    start, offsets, stored, cosine, run_offsets, runs,
 ):  # fmt: skip
     found = np.empty(len(positions), dtype=np.bool_)
     flat, flat_undecided = covered.reshape(-1), undecided.reshape(-1)
@@ -286,5 +284,5 @@ def _look_up_exactly(
             asks += np.int64((((flat_undecided[byte] >> bit) & 1) != 0) & filled)
         for k in range(asks):
             s, (x, y, z) = slots[asked[k]], directions[first + asked[k]]
-            found[first + asked[k]] = any_within(x, y, z, start[s], offsets[s], stored, cosine, order, limit)
+            found[first + asked[k]] = any_within(x, y, z, start[s], offsets[s], stored, cosine, run_offsets, runs)
     return found

@@ -12,10 +12,13 @@ from richmap.directions import _corners as bin_corners
 from richmap.directions import bin_of
 from richmap.grid import Grid
 
-BLOCKS_PER_EDGE = 5
+BLOCKS_PER_EDGE = 6
 """Blocks of directions along an edge of a cube's face: two or three directions in each, in a full cell at 0.1 rad."""
 
 BLOCKS = 6 * BLOCKS_PER_EDGE**2
+
+BINS_PER_EDGE = 4 * BLOCKS_PER_EDGE
+"""Bins of queries along an edge of a cube's face: of each bin is known which blocks lie within theta of it."""
 
 EMPTY = -1
 
@@ -27,12 +30,14 @@ PART = 1 << 18
 class DirectionIndex:
     """The directions of a map, of each cell by blocks of the sphere.
 
-    A search visits the blocks from the one that holds the pose's direction outwards and ends where no block can hold
-    a nearer one. Answers are those of a scan of the whole cell, bit for bit: the same float32 dot products, and of
-    equally near directions the first.
+    A search looks through the few blocks that lie within theta of the pose's direction. If none of their directions is
+    that near, it visits all blocks outwards and ends where no block can hold a nearer one. Answers are those of a scan
+    of the whole cell, bit for bit: the same float32 dot products, and of equally near directions the first.
     """
 
     grid: Grid
+    theta: float
+    """The angle within which directions are looked for first, in [rad]."""
     slot: Int[np.ndarray, " cells"]
     """For each cell its number among the filled ones; -1 for an empty one."""
     start: Int[np.ndarray, " filled"]
@@ -46,7 +51,7 @@ class DirectionIndex:
 
     @classmethod
     def build(
-        cls, grid: Grid, start: Int[np.ndarray, " cells1"], directions: Float[np.ndarray, "n 3"]
+        cls, grid: Grid, start: Int[np.ndarray, " cells1"], directions: Float[np.ndarray, "n 3"], theta: float
     ) -> "DirectionIndex":
         """Index directions that are sorted by cell.
 
@@ -54,6 +59,7 @@ class DirectionIndex:
             grid: The map's cells.
             start: Directions of flat cell c are rows `start[c]` to `start[c + 1]`.
             directions: Unit vectors, float32. They are kept, not copied, where each cell's are sorted by `block_of`.
+            theta: The map's least angle between two directions of a cell, in [rad].
 
         Raises:
             ValueError: If a cell holds more than 65,535 directions.
@@ -72,7 +78,7 @@ class DirectionIndex:
         if not in_order.all():
             rows = _sort_by_block(first, last, directions, offsets)
             directions = directions[rows]
-        return cls(grid, slot, first, offsets, directions, rows)
+        return cls(grid, theta, slot, first, offsets, directions, rows)
 
     def nearest(
         self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
@@ -88,22 +94,29 @@ class DirectionIndex:
             where there is none).
         """
         directions = directions.astype(np.float32, copy=False)
+        part, cosine = _part_size(len(directions)), np.float32(np.cos(self.theta))
         return _nearest(
-            positions, directions, _part_size(len(directions)), *self._cells, *self._stored, self.rows, *blocks()
+            positions,
+            directions,
+            part,
+            *self._cells,
+            *self.stored,
+            self.rows,
+            cosine,
+            *runs_within(self.theta),
+            *_blocks(),
         )
 
     def within(
-        self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"], angle: float
+        self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
     ) -> Bool[np.ndarray, " n"]:
-        """Whether the cell of each pose holds a direction nearer than `angle`, in [rad]; outside the grid never.
+        """Whether the cell of each pose holds a direction nearer than theta; outside the grid never.
 
-        Nearer is what the `Inserter` takes for it: the cosine in float32 is above that of `angle`.
+        Nearer is what the `Inserter` takes for it: the cosine in float32 is above that of theta.
         """
         directions = directions.astype(np.float32, copy=False)
-        cosine = np.float32(np.cos(angle))
-        return _within(
-            positions, directions, _part_size(len(directions)), *self._cells, *self._stored, cosine, *blocks()
-        )
+        part, cosine = _part_size(len(directions)), np.float32(np.cos(self.theta))
+        return _within(positions, directions, part, *self._cells, *self.stored, cosine, *runs_within(self.theta))
 
     @property
     def nbytes(self) -> int:
@@ -116,7 +129,8 @@ class DirectionIndex:
         return np.array(self.grid.origin), self.grid.cell_size, np.array(self.grid.shape), self.slot
 
     @property
-    def _stored(self):
+    def stored(self):
+        """What `any_within` reads: first places of cells, offsets of their blocks, directions."""
         return self.start, self.offsets, self.directions
 
 
@@ -131,7 +145,26 @@ def _part_size(queries: int) -> int:
 
 
 @lru_cache
-def blocks():
+def runs_within(theta: float):
+    """Runs of blocks that may hold a direction within theta of one in a bin, for each bin.
+
+    Returns:
+        Offsets and concatenated runs: those of bin b are `runs[offsets[b] : offsets[b + 1]]`, first block and end.
+    """
+    centre, radius = _cones(BINS_PER_EDGE)
+    block = _block_of_each(centre.astype(np.float32))
+    reach = np.cos(np.minimum(theta + radius[:, None] + radius, np.pi))
+    near = np.zeros((len(centre), BLOCKS + 2), dtype=np.int8)
+    for bin_, block_ in enumerate(block):
+        near[:, block_ + 1] |= centre @ centre[bin_] > reach[:, bin_]
+    of, first = np.nonzero(np.diff(near) > 0)
+    _, end = np.nonzero(np.diff(near) < 0)
+    offsets = np.searchsorted(of, np.arange(len(centre) + 1))
+    return offsets.astype(np.int32), np.stack([first, end], 1).astype(np.uint8)
+
+
+@lru_cache
+def _blocks():
     """Where blocks are and how far apart.
 
     Returns:
@@ -139,11 +172,8 @@ def blocks():
         each block all blocks, the ones that may hold the nearest directions first, and the greatest cosine between
         directions of the two.
     """
-    corners = bin_corners(BLOCKS_PER_EDGE)
-    centre = corners.mean(1)
-    centre /= np.linalg.norm(centre, axis=1, keepdims=True)
-    slack = 1e-4  # for rounding
-    radius = np.arccos(np.einsum("bki,bi->bk", corners, centre)).max() + slack
+    centre, radius = _cones(BLOCKS_PER_EDGE)
+    radius = radius.max()
     angle = np.arccos(np.clip(centre @ centre.T, -1, 1))
     np.fill_diagonal(angle, -1)
     order = np.argsort(angle, axis=1, kind="stable")
@@ -156,6 +186,15 @@ def blocks():
         order.astype(np.uint8),
         (np.cos(least) + 1e-6).astype(as_float),
     )
+
+
+def _cones(n: int) -> tuple[Float[np.ndarray, "bins 3"], Float[np.ndarray, " bins"]]:
+    """Unit vectors to the centres of bins, and the angle within which each bin lies about its centre, in [rad]."""
+    corners = bin_corners(n)
+    centre = corners.mean(1)
+    centre /= np.linalg.norm(centre, axis=1, keepdims=True)
+    slack = 1e-4  # for rounding
+    return centre, np.arccos(np.einsum("bki,bi->bk", corners, centre)).max(1) + slack
 
 
 @numba.njit(cache=True, inline="always", error_model="numpy")
@@ -211,7 +250,7 @@ def _by_slot(positions, origin, cell_size, shape, slot, filled):
 @no_type_check
 def _nearest(
     positions, queries, size, origin, cell_size, shape, slot, start, offsets,
-    directions, rows, centre, cr, sr, order, limit,
+    directions, rows, theta_cosine, run_offsets, runs, centre, cr, sr, order, limit,
 ):  # fmt: skip
     found = np.full(len(queries), -1, dtype=np.int64)
     cosines = np.full(len(queries), -2.0, dtype=np.float32)
@@ -222,7 +261,11 @@ def _nearest(
             i = begin + sequence[n]
             s = slots[sequence[n]]
             x, y, z = queries[i]
-            place, cosines[i], tied = _search(x, y, z, start[s], offsets[s], directions, centre, cr, sr, order, limit)
+            place, cosines[i], tied = _search_near(x, y, z, start[s], offsets[s], directions, run_offsets, runs)
+            if cosines[i] <= theta_cosine:
+                place, cosines[i], tied = _search(
+                    x, y, z, cosines[i], start[s], offsets[s], directions, centre, cr, sr, order, limit
+                )
             if tied:
                 found[i] = _first_of(x, y, z, cosines[i], start[s], start[s] + offsets[s, BLOCKS], directions, rows)
             else:
@@ -232,29 +275,51 @@ def _nearest(
 
 @numba.njit(cache=True, error_model="numpy")
 @no_type_check
-def _search(x, y, z, begin, offsets, directions, centre, cr, sr, order, limit):
-    """Place of the nearest direction of a cell, the cosine, and whether another one is as near."""
+def _search_near(x, y, z, begin, offsets, directions, run_offsets, runs):
+    """Place of the nearest direction in the blocks within theta, the cosine, and whether another one is as near."""
+    b = bin_of(x, y, z, BINS_PER_EDGE)
+    best, nearest, tied = np.float32(-2), begin, False
+    for k in range(run_offsets[b], run_offsets[b + 1]):
+        for place in range(begin + offsets[runs[k, 0]], begin + offsets[runs[k, 1]]):
+            cosine = x * directions[place, 0] + y * directions[place, 1] + z * directions[place, 2]
+            nearer = cosine > best
+            tied = (cosine == best) | (tied & (not nearer))
+            best = cosine if nearer else best
+            nearest = place if nearer else nearest
+    return nearest, best, tied
+
+
+@numba.njit(cache=True, error_model="numpy")
+@no_type_check
+def _search(x, y, z, known, begin, offsets, directions, centre, cr, sr, order, limit):
+    """The same among all directions of a cell; `known` is a cosine that one of them has, or -2."""
     b = bin_of(x, y, z, BLOCKS_PER_EDGE)
-    best, nearest, tied, enough = np.float32(-2), begin, False, np.float32(-2)
+    best, nearest, tied = np.float32(-2), begin, False
+    enough = _least_cosine(known, cr, sr)
     for k in range(BLOCKS):
-        if best > limit[b, k]:
+        if known > limit[b, k]:
             break
         t = order[b, k]
         first, last = offsets[t], offsets[t + 1]
         if (first == last) | (x * centre[t, 0] + y * centre[t, 1] + z * centre[t, 2] < enough):
             continue
-        before = best
         for place in range(begin + first, begin + last):
             cosine = x * directions[place, 0] + y * directions[place, 1] + z * directions[place, 2]
             nearer = cosine > best
             tied = (cosine == best) | (tied & (not nearer))
             best = cosine if nearer else best
             nearest = place if nearer else nearest
-        if best > before:
-            # A block whose centre is farther than the best direction and its radius together holds no nearer one.
-            sine = np.sqrt(max(np.float32(1) - best * best, np.float32(0)))
-            enough = best * cr - sine * sr - np.float32(1e-6) if best > -cr else np.float32(-2)
+        if best > known:
+            known, enough = best, _least_cosine(best, cr, sr)
     return nearest, best, tied
+
+
+@numba.njit(cache=True, inline="always", error_model="numpy")
+@no_type_check
+def _least_cosine(best, cr, sr):
+    """A block whose centre has a smaller cosine holds no direction with a cosine above `best`: angles add up."""
+    sine = np.sqrt(max(np.float32(1) - best * best, np.float32(0)))
+    return best * cr - sine * sr - np.float32(1e-6) if best > -cr else np.float32(-2)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -272,14 +337,11 @@ def _first_of(x, y, z, best, begin, end, directions, rows):
 
 @numba.njit(cache=True, inline="always", error_model="numpy")
 @no_type_check
-def any_within(x, y, z, first, offsets, directions, cosine, order, limit):
-    """Whether one of a cell's directions has a greater cosine with (x, y, z)."""
-    b = bin_of(x, y, z, BLOCKS_PER_EDGE)
-    for k in range(BLOCKS):
-        if cosine > limit[b, k]:
-            return False
-        t = order[b, k]
-        for place in range(first + offsets[t], first + offsets[t + 1]):
+def any_within(x, y, z, begin, offsets, directions, cosine, run_offsets, runs):
+    """Whether one of a cell's directions has a greater cosine with (x, y, z) than theta has."""
+    b = bin_of(x, y, z, BINS_PER_EDGE)
+    for k in range(run_offsets[b], run_offsets[b + 1]):
+        for place in range(begin + offsets[runs[k, 0]], begin + offsets[runs[k, 1]]):
             if x * directions[place, 0] + y * directions[place, 1] + z * directions[place, 2] > cosine:
                 return True
     return False
@@ -289,7 +351,7 @@ def any_within(x, y, z, first, offsets, directions, cosine, order, limit):
 @no_type_check
 def _within(
     positions, queries, size, origin, cell_size, shape, slot, start, offsets,
-    directions, cosine, centre, cr, sr, order, limit,
+    directions, cosine, run_offsets, runs,
 ):  # fmt: skip
     found = np.zeros(len(queries), dtype=np.bool_)
     for part in numba.prange((len(queries) + size - 1) // size):
@@ -298,7 +360,7 @@ def _within(
         for n in range(len(sequence)):
             i, s = begin + sequence[n], slots[sequence[n]]
             x, y, z = queries[i]
-            found[i] = any_within(x, y, z, start[s], offsets[s], directions, cosine, order, limit)
+            found[i] = any_within(x, y, z, start[s], offsets[s], directions, cosine, run_offsets, runs)
     return found
 
 
