@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import Console
 
-from benchmark.command import run_command
+from benchmark.command import check_setting, run_command
 from benchmark.config import SOURCE, BuildMapsConfig, EnergyConfig, MapConfig
 
 if TYPE_CHECKING:
@@ -46,15 +46,20 @@ def robot_map(
         robot,
         sampling,
         shape,
+        torch_twin,
     )
 
+    if config.device == "cuda":
+        import torch
+
+        check_setting(torch.cuda.is_available(), "map.device", config.device, "cpu; there is no CUDA device here")
     name = description.name
     cells = grid.Grid.around_base(config.cell_size, config.half_width, config.z_offset).moved(np.array(base))
-    settings = config.theta, config.seed, config.draw, config.turns, config.stop_rate, config.target
+    settings = config.theta, config.seed, config.draw, config.turns, config.stop_rate, config.target, config.device
     asked = reachability_map.Construction(name, description.fingerprint, *settings)
     code = [
         bounding_spheres, collision, construction, direction_index, directions, grid, insertion, kinematics,
-        reachability_map, robot, sampling, shape,
+        reachability_map, robot, sampling, shape, torch_twin,
     ]  # fmt: skip
     inputs = {"grid": asdict(cells), "construction": asdict(asked)}
     key = fingerprint(inputs, code)

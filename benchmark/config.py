@@ -80,6 +80,8 @@ class MapConfig:
     """Configurations that a worker draws at once; 1 or more."""
     turns: int = 128
     """Angles of joint 1 that each configuration is used at (orbit sampling); a power of two, 1 for plain sampling."""
+    device: str = "cpu"
+    """Where poses are compared with what is stored: cpu, or cuda (batched matrix products, as in the paper)."""
     seed: int = 0
     """Seed of the samples; a whole number >= 0."""
 
@@ -92,6 +94,7 @@ class MapConfig:
         check_setting(self.seed >= 0, "map.seed", self.seed, "a whole number >= 0")
         check_setting(0 < self.stop_rate < 1, "map.stop_rate", self.stop_rate, "a number between 0 and 1")
         check_setting(self.target >= 0, "map.target", self.target, "a whole number >= 0")
+        check_setting(self.device in ("cpu", "cuda"), "map.device", self.device, "cpu, cuda")
         check_setting(self.draw >= 1, "map.draw", self.draw, "a whole number >= 1")
         check_setting(self.turns.bit_count() == 1 <= self.turns, "map.turns", self.turns, "a power of two")
 

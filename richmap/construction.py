@@ -127,7 +127,8 @@ def merge(robot: RobotDescription, maps: list[ReachabilityMap], folder: Path) ->
 
 
 def _empty(robot: RobotDescription, grid: Grid, construction: Construction, folder: Path) -> Inserter:
-    return Inserter(grid, construction.theta, robot.lower, robot.upper, roll_gap(robot), folder)
+    gap, device = roll_gap(robot), construction.device
+    return Inserter(grid, construction.theta, robot.lower, robot.upper, gap, folder, device)
 
 
 def _finish(robot: RobotDescription, inserter: Inserter, reached: Construction) -> ReachabilityMap:
@@ -161,7 +162,9 @@ def _insert_batch(inserter: Inserter, draws: Iterator[Orbits], reached: Construc
 
 def _identity(grid: Grid, construction: Construction) -> dict:
     """What two builds must share for one to go on where the other stopped."""
-    settings = {name: getattr(construction, name) for name in ("robot_fingerprint", "theta", "seed", "draw", "turns")}
+    settings = {
+        name: getattr(construction, name) for name in ("robot_fingerprint", "theta", "seed", "draw", "turns", "device")
+    }
     return json.loads(json.dumps({"version": STATE_VERSION, "grid": asdict(grid), **settings}))
 
 

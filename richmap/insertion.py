@@ -45,6 +45,7 @@ class Inserter:
         upper: Float[np.ndarray, " dof"],
         gap: float | None,
         folder: Path,
+        device: str = "cpu",
     ) -> None:
         """An empty map.
 
@@ -55,6 +56,7 @@ class Inserter:
             upper: Upper joint limits, in [rad].
             gap: Width of the gap in the rolls that one configuration leaves out, in [rad] (`sampling.roll_gap`).
             folder: Where rows are kept.
+            device: Where poses are compared with what is stored: cpu, or cuda for batched matrix products there.
         """
         self.grid, self.theta = grid, theta
         self.inserted = self.offered = 0
@@ -71,6 +73,11 @@ class Inserter:
         self._gaps = _rows(folder / "gaps", np.uint16, shape)
         self._codes = _rows(folder / "codes", np.uint32, (rows,))
         self._filled = np.zeros(grid.n_cells, dtype=bool)
+        self._phase_1 = None
+        if device != "cpu":
+            from richmap.torch_twin import TorchPhase1
+
+            self._phase_1 = TorchPhase1(grid, theta, device)
 
     @property
     def occupancy(self) -> float:
@@ -82,22 +89,31 @@ class Inserter:
         self.inserted, self.offered = inserted, offered
         self._table.ravel()[self._slot[:inserted]] = self._codes[:inserted]
         self._filled[self._slot[:inserted] // self._table.shape[1]] = True
+        self._on_device(0, inserted)
 
     def insert(self, orbits: Orbits) -> Bool[np.ndarray, "n turns"]:
         """Insert a batch; tells which of its poses were stored. Poses outside the grid never are."""
         poses = _turned_poses(orbits)
         grid = np.array(self.grid.origin), self.grid.cell_size, np.array(self.grid.shape)
         tables = self._table, *neighbour_bins(self.theta), self._n, np.float32(np.cos(self.theta))
-        met, cells = _meet_stored(*poses, *grid, *tables)
+        met, cells = self._phase_1.meet(orbits) if self._phase_1 else _meet_stored(*poses, *grid, *tables)
         stored, inserted = _insert_in_order(
             met, cells, orbits.joints, orbits.way, self._lower, self._step, self._gap, self.inserted,
             *poses, *tables, self._filled, self._gaps, self._slot, self._codes, self._joints,
         )  # fmt: skip
         if self._gap:
             _add_rolls(met, stored, cells, *poses, *tables, self._gaps, self._gap)
+        self._on_device(self.inserted, inserted)
         self.inserted = inserted
         self.offered += int((cells >= 0).sum())
         return stored
+
+    def _on_device(self, first: int, last: int) -> None:
+        """Tell the device of new rows."""
+        if self._phase_1:
+            slot, codes, bins = self._slot[first:last], self._codes[first:last], self._table.shape[1]
+            directions = _decode_rows(np.arange(len(slot)), slot, codes, bins, self._n**2)
+            self._phase_1.store(slot // bins, directions, slot % bins)
 
     def insert_rows(
         self,
@@ -109,10 +125,12 @@ class Inserter:
         """Insert what another map of the same arm, grid and theta has stored, row after row."""
         tables = self._table, *neighbour_bins(self.theta), self._n, np.float32(np.cos(self.theta))
         gaps = np.zeros((len(cells), 2), dtype=np.uint16) if gaps is None else gaps
+        before = self.inserted
         self.inserted = _insert_rows(
             cells, directions, joints, gaps, self.inserted,
             *tables, self._filled, self._gaps, self._slot, self._codes, self._joints, self._gap,
         )  # fmt: skip
+        self._on_device(before, self.inserted)
 
     def finish(
         self,

@@ -48,6 +48,8 @@ class Construction:
     """Building stopped when a smaller fraction of a batch was new."""
     target: int
     """Building stopped when this many directions were stored; 0 for no such target."""
+    device: str = "cpu"
+    """Where poses were compared with what was stored: cpu or cuda."""
     draws: int = 0
     offered: int = 0
     """Poses within the grid that were offered for insertion."""

@@ -11,9 +11,107 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from richmap.grid import Grid
+from richmap.sampling import Orbits
 
 PRODUCTS = {"cpu": 1 << 22, "cuda": 1 << 28}
 """Cosines that are computed at once on a kind of device, which bounds the memory."""
+
+
+class StoredDirections:
+    """The directions that each cell holds, on a device, in one table padded with zeros."""
+
+    def __init__(self, grid: Grid, theta: float, device: torch.device) -> None:
+        if not 0 < theta < np.pi / 2:
+            raise ValueError(f"theta is {theta} rad; the padded products need it between 0 and pi / 2.")
+        self.device, self.filled = device, 0
+        self._cosine = float(np.float32(np.cos(theta)))
+        self._slot = torch.full((grid.n_cells,), -1, dtype=torch.int64, device=device)
+        self._table = torch.zeros((1024, 64, 3), device=device)  # (filled cell, place, xyz)
+        self._label = torch.zeros((1024, 64), dtype=torch.int16, device=device)
+        self._count = torch.zeros(1024, dtype=torch.int64, device=device)
+
+    def open(self, cell: Int[Tensor, " n"]) -> Int[Tensor, " n"]:
+        """Row of the table for each of some sorted cells, opened where needed."""
+        visited = torch.unique_consecutive(cell)
+        new = visited[self._slot[visited] < 0]
+        self._slot[new] = torch.arange(self.filled, self.filled + len(new), device=self.device)
+        self.filled += len(new)
+        while self.filled > len(self._count):
+            for name in ("_table", "_label", "_count"):
+                rows = getattr(self, name)
+                setattr(self, name, torch.cat([rows, torch.zeros_like(rows)]))
+        return self._slot[cell]
+
+    def met(self, slot: Int[Tensor, " n"], direction: Float[Tensor, "n 3"]) -> Int[Tensor, " n"]:
+        """Phase 1: label of the stored direction nearest to each pose if it is too near, -1 if none is.
+
+        Args:
+            slot: Rows of the table, sorted.
+            direction: Unit vectors.
+        """
+        label = torch.full((len(slot),), -1, dtype=torch.int16, device=self.device)
+        for pose, valid, of in _groups(slot, self._count[: self.filled], self.device.type):
+            stored = self._table[of, : max(int(self._count[of].max()), 1)]
+            cosine, place = torch.bmm(direction[pose], stored.transpose(1, 2)).max(2)  # (group, pose)
+            of_nearest = torch.where(cosine > self._cosine, torch.take_along_dim(self._label[of], place, 1), -1)
+            label[pose[valid]] = of_nearest[valid]
+        return label
+
+    def kept(self, slot: Int[Tensor, " n"], direction: Float[Tensor, "n 3"]) -> Bool[Tensor, " n"]:
+        """Phase 2: which of some poses stay if they are taken one after the other; rows of the table, sorted."""
+        kept = torch.zeros(len(slot), dtype=torch.bool, device=self.device)
+        for pose, valid, _ in _groups(slot, None, self.device.type):
+            vectors = direction[pose]
+            near = torch.bmm(vectors, vectors.transpose(1, 2)) > self._cosine
+            near &= valid[:, None, :] & valid[:, :, None]
+            kept[pose[valid]] = _greedy(near, valid)[valid]
+        return kept
+
+    def store(self, slot: Int[Tensor, " n"], direction: Float[Tensor, "n 3"], label: Int[Tensor, " n"]) -> None:
+        """Append directions with their labels to rows of the table; `slot` is sorted."""
+        of, added = torch.unique_consecutive(slot, return_counts=True)
+        first = torch.cumsum(added, 0) - added
+        place = torch.arange(len(slot), device=self.device) - torch.repeat_interleave(first, added) + self._count[slot]
+        self._count[of] += added
+        while len(of) and int(self._count.max()) > self._table.shape[1]:
+            self._table, self._label = (torch.cat([t, torch.zeros_like(t)], 1) for t in (self._table, self._label))
+        self._table[slot, place] = direction
+        self._label[slot, place] = label
+
+
+class TorchPhase1:
+    """What an `Inserter` with device="cuda" asks of the device: which poses of a batch meet a stored direction."""
+
+    def __init__(self, grid: Grid, theta: float, device: str) -> None:
+        self._grid, self._device = grid, torch.device(device)
+        self._stored = StoredDirections(grid, theta, self._device)
+
+    @torch.no_grad()
+    def meet(self, orbits: Orbits) -> tuple[Int[np.ndarray, "n turns"], Int[np.ndarray, "n turns"]]:
+        """Bin of the stored direction that each pose is too near to, -1 for none; and its cell, -1 outside the grid."""
+        position, direction, free = (
+            torch.as_tensor(np.ascontiguousarray(array), device=self._device)
+            for array in (orbits.position, orbits.direction, orbits.free)
+        )
+        angle = orbits.way * 2 * np.pi / orbits.turns * torch.arange(orbits.turns, device=self._device)
+        position, direction = (_turned(vectors, angle.float()) for vectors in (position, direction))  # (n, turns, 3)
+        cell = torch.where(free.ravel(), _cells_of(self._grid, position.reshape(-1, 3)), -1)
+        order = torch.argsort(cell, stable=True)
+        order = order[cell[order] >= 0]
+        met = torch.full_like(cell, -1, dtype=torch.int16)
+        met[order] = self._stored.met(self._stored.open(cell[order]), direction.reshape(-1, 3)[order])
+        shape = orbits.free.shape
+        return met.cpu().numpy().reshape(shape), cell.int().cpu().numpy().reshape(shape)
+
+    @torch.no_grad()
+    def store(
+        self, cells: Int[np.ndarray, " n"], directions: Float[np.ndarray, "n 3"], bins: Int[np.ndarray, " n"]
+    ) -> None:
+        """Take over what was stored meanwhile."""
+        cell = torch.as_tensor(cells, device=self._device).long()
+        order = torch.argsort(cell, stable=True)
+        direction, label = (torch.as_tensor(rows, device=self._device)[order] for rows in (directions, bins))
+        self._stored.store(self._stored.open(cell[order]), direction, label.short())
 
 
 class TorchInserter:
@@ -25,15 +123,9 @@ class TorchInserter:
     """
 
     def __init__(self, grid: Grid, theta: float, dof: int, device: str) -> None:
-        if not 0 < theta < np.pi / 2:
-            raise ValueError(f"theta is {theta} rad; the padded products need it between 0 and pi / 2.")
         self.grid, self.theta, self.device = grid, theta, torch.device(device)
         self.offered = 0
-        self._cosine = float(np.float32(np.cos(theta)))
-        self._slot = torch.full((grid.n_cells,), -1, dtype=torch.int64, device=self.device)
-        self._table = torch.zeros((1024, 64, 3), device=self.device)  # (filled cell, place, xyz); padded with zeros
-        self._count = torch.zeros(1024, dtype=torch.int64, device=self.device)
-        self._filled = 0
+        self._stored = StoredDirections(grid, theta, self.device)
         self._cells = [torch.empty(0, dtype=torch.int64, device=self.device)]
         self._directions = [torch.empty((0, 3), device=self.device)]
         self._joints = [torch.empty((0, dof), device=self.device)]
@@ -51,24 +143,12 @@ class TorchInserter:
         order = torch.argsort(cell, stable=True)
         order = order[cell[order] >= 0]
         self.offered += len(order)
-        slot = self._open_slots(cell[order])
-
-        clear = torch.zeros(len(order), dtype=torch.bool, device=self.device)
-        for pose, valid, of in _groups(slot, self._count[: self._filled], self.device.type):
-            stored = self._table[of, : max(int(self._count[of].max()), 1)]
-            cosine = torch.bmm(direction[order[pose]], stored.transpose(1, 2)).amax(2)  # (group, pose)
-            clear[pose[valid]] = (cosine <= self._cosine)[valid]
+        slot = self._stored.open(cell[order])
+        clear = self._stored.met(slot, direction[order]) < 0
         order, slot = order[clear], slot[clear]
-
-        kept = torch.zeros(len(order), dtype=torch.bool, device=self.device)
-        for pose, valid, _ in _groups(slot, None, self.device.type):
-            vectors = direction[order[pose]]
-            near = torch.bmm(vectors, vectors.transpose(1, 2)) > self._cosine
-            near &= valid[:, None, :] & valid[:, :, None]
-            kept[pose[valid]] = _greedy(near, valid)[valid]
+        kept = self._stored.kept(slot, direction[order])
         order, slot = order[kept], slot[kept]
-
-        self._store(slot, direction[order])
+        self._stored.store(slot, direction[order], torch.zeros_like(slot).short())
         by_time = torch.sort(order).values
         self._cells.append(cell[by_time])
         self._directions.append(direction[by_time])
@@ -84,7 +164,7 @@ class TorchInserter:
         """Take over what another inserter has `stored` in cells that hold nothing yet; nothing is compared."""
         cell, direction, joints = (torch.as_tensor(rows, device=self.device) for rows in (cell, direction, joints))
         order = torch.argsort(cell, stable=True)
-        self._store(self._open_slots(cell[order]), direction[order])
+        self._stored.store(self._stored.open(cell[order]), direction[order].float(), torch.zeros_like(order).short())
         self._cells.append(cell.long())
         self._directions.append(direction.float())
         self._joints.append(joints.float())
@@ -103,28 +183,7 @@ class TorchInserter:
     @property
     def filled_cells(self) -> int:
         """Number of cells that hold at least one direction: the first one offered to a cell always stays."""
-        return self._filled
-
-    def _open_slots(self, cell: Int[Tensor, " n"]) -> Int[Tensor, " n"]:
-        """Row of the table for each pose's cell, opened where needed."""
-        visited = torch.unique_consecutive(cell)
-        new = visited[self._slot[visited] < 0]
-        self._slot[new] = torch.arange(self._filled, self._filled + len(new), device=self.device)
-        self._filled += len(new)
-        while self._filled > len(self._count):
-            self._table = torch.cat([self._table, torch.zeros_like(self._table)])
-            self._count = torch.cat([self._count, torch.zeros_like(self._count)])
-        return self._slot[cell]
-
-    def _store(self, slot: Int[Tensor, " n"], direction: Float[Tensor, "n 3"]) -> None:
-        """Append directions, sorted by slot, to the rows of their cells."""
-        of, added = torch.unique_consecutive(slot, return_counts=True)
-        first = torch.cumsum(added, 0) - added
-        place = torch.arange(len(slot), device=self.device) - torch.repeat_interleave(first, added) + self._count[slot]
-        self._count[of] += added
-        while len(of) and int(self._count.max()) > self._table.shape[1]:
-            self._table = torch.cat([self._table, torch.zeros_like(self._table)], 1)
-        self._table[slot, place] = direction
+        return self._stored.filled
 
 
 class TorchNearest:
@@ -163,6 +222,13 @@ class TorchNearest:
             nearest[order[pose[valid]]] = best[valid]
             row[order[pose[valid]]] = (self._start[of][:, None] + at)[valid]
         return row.cpu().numpy(), nearest.cpu().numpy()
+
+
+def _turned(vectors: Float[Tensor, "n 3"], angle: Float[Tensor, " turns"]) -> Float[Tensor, "n turns 3"]:
+    """Vectors turned about the z axis."""
+    c, s = torch.cos(angle), torch.sin(angle)
+    x, y, z = vectors[:, :, None].unbind(1)
+    return torch.stack([c * x - s * y, s * x + c * y, z.expand(-1, len(angle))], 2)
 
 
 def _cells_of(grid: Grid, position: Float[Tensor, "n 3"]) -> Int[Tensor, " n"]:

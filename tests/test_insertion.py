@@ -5,6 +5,7 @@ from richmap.directions import capacity_bound
 from richmap.grid import Grid
 from richmap.insertion import FULL_CIRCLE, Inserter, axis_at_roll, roll_about
 from richmap.sampling import Orbits
+from richmap.torch_twin import TorchPhase1
 
 THETA = 0.3
 GRID = Grid((-0.1, -0.1, -0.1), 0.1, (2, 2, 2))
@@ -127,3 +128,18 @@ def test_rolls_and_axes_are_each_others_inverse():
         assert np.dot(axis, (x, y, z)) == pytest.approx(0, abs=1e-6)
         assert np.linalg.norm(axis) == pytest.approx(1, abs=1e-6)
         assert roll_about(*axis, x, y, z) == pytest.approx(12345, abs=1)
+
+
+def test_matrix_products_on_a_device_give_the_same_map(inserter, batches, tmp_path):
+    """On the CPU here; what is compared differs by the rounding of directions, less than 2e-5 rad."""
+    other = Inserter(GRID, THETA, *LIMITS, GAP, tmp_path / "other")
+    other._phase_1 = TorchPhase1(GRID, THETA, "cpu")
+    for batch in batches[:2]:
+        other.insert(batch)
+    again = Inserter(GRID, THETA, *LIMITS, GAP, tmp_path / "other")
+    again._phase_1 = TorchPhase1(GRID, THETA, "cpu")
+    again.resume(other.inserted, other.offered)
+    again.insert(batches[2])
+    assert again.offered == inserter.offered
+    for a, b in zip(rows_of(inserter)[:3], rows_of(again)[:3], strict=True):
+        assert (a == b).all()
