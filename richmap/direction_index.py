@@ -22,7 +22,7 @@ BINS_PER_EDGE = 4 * BLOCKS_PER_EDGE
 
 EMPTY = -1
 
-PART = 1 << 18
+PART = 1 << 20
 """At most so many queries are put in the order of cells at once, so that what a cell holds is read from memory once."""
 
 
@@ -257,19 +257,24 @@ def _nearest(
     for part in numba.prange((len(queries) + size - 1) // size):
         begin, end = part * size, min((part + 1) * size, len(queries))
         slots, sequence = _by_slot(positions[begin:end], origin, cell_size, shape, slot, len(start))
+        # Fetched before and written after the search, so that its branches do not wait for scattered memory.
+        ordered, slots = queries[begin:end][sequence], slots[sequence]
+        nearest, cosine = np.empty(len(sequence), dtype=np.int64), np.empty(len(sequence), dtype=np.float32)
         for n in range(len(sequence)):
-            i = begin + sequence[n]
-            s = slots[sequence[n]]
-            x, y, z = queries[i]
-            place, cosines[i], tied = _search_near(x, y, z, start[s], offsets[s], directions, run_offsets, runs)
-            if cosines[i] <= theta_cosine:
-                place, cosines[i], tied = _search(
-                    x, y, z, cosines[i], start[s], offsets[s], directions, centre, cr, sr, order, limit
+            s = slots[n]
+            x, y, z = ordered[n]
+            place, best, tied = _search_near(x, y, z, start[s], offsets[s], directions, run_offsets, runs)
+            if best <= theta_cosine:
+                place, best, tied = _search(
+                    x, y, z, best, start[s], offsets[s], directions, centre, cr, sr, order, limit
                 )
             if tied:
-                found[i] = _first_of(x, y, z, cosines[i], start[s], start[s] + offsets[s, BLOCKS], directions, rows)
-            else:
-                found[i] = rows[place] if len(rows) else place
+                place = _first_of(x, y, z, best, start[s], start[s] + offsets[s, BLOCKS], directions, rows)
+            nearest[n], cosine[n] = place, best
+        for n in range(len(sequence)):
+            i = begin + sequence[n]
+            found[i] = rows[nearest[n]] if len(rows) else nearest[n]
+            cosines[i] = cosine[n]
     return found, cosines
 
 
@@ -325,13 +330,12 @@ def _least_cosine(best, cr, sr):
 @numba.njit(cache=True, error_model="numpy")
 @no_type_check
 def _first_of(x, y, z, best, begin, end, directions, rows):
-    """First row of the map among a cell's equally near directions."""
+    """Of a cell's equally near directions the place of the one that is first in the map."""
     found = np.int64(-1)
     for place in range(begin, end):
         if x * directions[place, 0] + y * directions[place, 1] + z * directions[place, 2] == best:
-            row = rows[place] if len(rows) else place
-            if found < 0 or row < found:
-                found = row
+            if found < 0 or (len(rows) and rows[place] < rows[found]):
+                found = place
     return found
 
 
@@ -357,10 +361,13 @@ def _within(
     for part in numba.prange((len(queries) + size - 1) // size):
         begin, end = part * size, min((part + 1) * size, len(queries))
         slots, sequence = _by_slot(positions[begin:end], origin, cell_size, shape, slot, len(start))
+        ordered, slots = queries[begin:end][sequence], slots[sequence]
         for n in range(len(sequence)):
-            i, s = begin + sequence[n], slots[sequence[n]]
-            x, y, z = queries[i]
-            found[i] = any_within(x, y, z, start[s], offsets[s], directions, cosine, run_offsets, runs)
+            s = slots[n]
+            x, y, z = ordered[n]
+            found[begin + sequence[n]] = any_within(
+                x, y, z, start[s], offsets[s], directions, cosine, run_offsets, runs
+            )
     return found
 
 
