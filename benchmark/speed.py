@@ -89,10 +89,10 @@ def query_speeds(built: "ReachabilityMap", config: SpeedConfig) -> Iterator[dict
     from richmap.torch_twin import TorchNearest
 
     arrays, theta = (built.grid, built.start, built.directions), built.construction.theta
-    index, bitmap = DirectionIndex.build(*arrays, theta), CoverageBitmap.build(*arrays, theta)
+    index, bitmap = DirectionIndex.build(*arrays), CoverageBitmap.build(*arrays, theta)
     products = TorchNearest(*arrays, config.device)
     for name, build in (
-        ("build_index", lambda: DirectionIndex.build(*arrays, theta)),
+        ("build_index", lambda: DirectionIndex.build(*arrays)),
         ("build_bitmap", lambda: CoverageBitmap.build(*arrays, theta)),
     ):
         yield {"name": name, "batch": built.inserted, "value": least_seconds(build, 1) / built.inserted}

@@ -95,7 +95,7 @@ class CoverageBitmap:
     def reachable_exactly(
         self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"], index: DirectionIndex
     ) -> Bool[np.ndarray, " n"]:
-        """What `index.within(positions, directions)` answers, which is asked in open bins only."""
+        """What `index.within(positions, directions, theta)` answers, which is asked in open bins only."""
         directions = directions.astype(np.float32, copy=False)
         cosine = np.float32(np.cos(self.theta))
         return _look_up_exactly(

@@ -18,7 +18,10 @@ BLOCKS_PER_EDGE = 6
 BLOCKS = 6 * BLOCKS_PER_EDGE**2
 
 BINS_PER_EDGE = 4 * BLOCKS_PER_EDGE
-"""Bins of queries along an edge of a cube's face: of each bin is known which blocks lie within theta of it."""
+"""Bins of queries along an edge of a cube's face: of each bin is known which blocks lie within some angle of it."""
+
+NEAR = 0.1
+"""The angle within which the nearest direction is looked for first, in [rad]; a full map has one there (theta)."""
 
 EMPTY = -1
 
@@ -30,14 +33,12 @@ PART = 1 << 20
 class DirectionIndex:
     """The directions of a map, of each cell by blocks of the sphere.
 
-    A search looks through the few blocks that lie within theta of the pose's direction. If none of their directions is
-    that near, it visits all blocks outwards and ends where no block can hold a nearer one. Answers are those of a scan
-    of the whole cell, bit for bit: the same float32 dot products, and of equally near directions the first.
+    A search looks through the few blocks that lie within 0.1 rad of the pose's direction. If none of their directions
+    is that near, it visits all blocks outwards and ends where no block can hold a nearer one. Answers are those of a
+    scan of the whole cell, bit for bit: the same float32 dot products, and of equally near directions the first.
     """
 
     grid: Grid
-    theta: float
-    """The angle within which directions are looked for first, in [rad]."""
     slot: Int[np.ndarray, " cells"]
     """For each cell its number among the filled ones; -1 for an empty one."""
     start: Int[np.ndarray, " filled"]
@@ -51,7 +52,7 @@ class DirectionIndex:
 
     @classmethod
     def build(
-        cls, grid: Grid, start: Int[np.ndarray, " cells1"], directions: Float[np.ndarray, "n 3"], theta: float
+        cls, grid: Grid, start: Int[np.ndarray, " cells1"], directions: Float[np.ndarray, "n 3"]
     ) -> "DirectionIndex":
         """Index directions that are sorted by cell.
 
@@ -59,7 +60,6 @@ class DirectionIndex:
             grid: The map's cells.
             start: Directions of flat cell c are rows `start[c]` to `start[c + 1]`.
             directions: Unit vectors, float32. They are kept, not copied, where each cell's are sorted by `block_of`.
-            theta: The map's least angle between two directions of a cell, in [rad].
 
         Raises:
             ValueError: If a cell holds more than 65,535 directions.
@@ -78,7 +78,7 @@ class DirectionIndex:
         if not in_order.all():
             rows = _sort_by_block(first, last, directions, offsets)
             directions = directions[rows]
-        return cls(grid, theta, slot, first, offsets, directions, rows)
+        return cls(grid, slot, first, offsets, directions, rows)
 
     def nearest(
         self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
@@ -94,7 +94,7 @@ class DirectionIndex:
             where there is none).
         """
         directions = directions.astype(np.float32, copy=False)
-        part, cosine = _part_size(len(directions)), np.float32(np.cos(self.theta))
+        part, cosine = _part_size(len(directions)), np.float32(np.cos(NEAR))
         return _nearest(
             positions,
             directions,
@@ -103,20 +103,20 @@ class DirectionIndex:
             *self.stored,
             self.rows,
             cosine,
-            *runs_within(self.theta),
+            *runs_within(NEAR),
             *_blocks(),
         )
 
     def within(
-        self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
+        self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"], angle: float
     ) -> Bool[np.ndarray, " n"]:
-        """Whether the cell of each pose holds a direction nearer than theta; outside the grid never.
+        """Whether the cell of each pose holds a direction nearer than `angle`, in [rad]; outside the grid never.
 
-        Nearer is what the `Inserter` takes for it: the cosine in float32 is above that of theta.
+        Nearer is what the `Inserter` takes for it: the cosine in float32 is above that of `angle`.
         """
         directions = directions.astype(np.float32, copy=False)
-        part, cosine = _part_size(len(directions)), np.float32(np.cos(self.theta))
-        return _within(positions, directions, part, *self._cells, *self.stored, cosine, *runs_within(self.theta))
+        part, cosine = _part_size(len(directions)), np.float32(np.cos(angle))
+        return _within(positions, directions, part, *self._cells, *self.stored, cosine, *runs_within(angle))
 
     @property
     def nbytes(self) -> int:
@@ -145,15 +145,15 @@ def _part_size(queries: int) -> int:
 
 
 @lru_cache
-def runs_within(theta: float):
-    """Runs of blocks that may hold a direction within theta of one in a bin, for each bin.
+def runs_within(angle: float):
+    """Runs of blocks that may hold a direction within `angle`, in [rad], of one in a bin, for each bin.
 
     Returns:
         Offsets and concatenated runs: those of bin b are `runs[offsets[b] : offsets[b + 1]]`, first block and end.
     """
     centre, radius = _cones(BINS_PER_EDGE)
     block = _block_of_each(centre.astype(np.float32))
-    reach = np.cos(np.minimum(theta + radius[:, None] + radius, np.pi))
+    reach = np.cos(np.minimum(angle + radius[:, None] + radius, np.pi))
     near = np.zeros((len(centre), BLOCKS + 2), dtype=np.int8)
     for bin_, block_ in enumerate(block):
         near[:, block_ + 1] |= centre @ centre[bin_] > reach[:, bin_]
@@ -250,7 +250,7 @@ def _by_slot(positions, origin, cell_size, shape, slot, filled):
 @no_type_check
 def _nearest(
     positions, queries, size, origin, cell_size, shape, slot, start, offsets,
-    directions, rows, theta_cosine, run_offsets, runs, centre, cr, sr, order, limit,
+    directions, rows, near_cosine, run_offsets, runs, centre, cr, sr, order, limit,
 ):  # fmt: skip
     found = np.full(len(queries), -1, dtype=np.int64)
     cosines = np.full(len(queries), -2.0, dtype=np.float32)
@@ -264,7 +264,7 @@ def _nearest(
             s = slots[n]
             x, y, z = ordered[n]
             place, best, tied = _search_near(x, y, z, start[s], offsets[s], directions, run_offsets, runs)
-            if best <= theta_cosine:
+            if best <= near_cosine:
                 place, best, tied = _search(
                     x, y, z, best, start[s], offsets[s], directions, centre, cr, sr, order, limit
                 )
@@ -281,7 +281,7 @@ def _nearest(
 @numba.njit(cache=True, error_model="numpy")
 @no_type_check
 def _search_near(x, y, z, begin, offsets, directions, run_offsets, runs):
-    """Place of the nearest direction in the blocks within theta, the cosine, and whether another one is as near."""
+    """Place of the nearest direction in the blocks close by, the cosine, and whether another one is as near."""
     b = bin_of(x, y, z, BINS_PER_EDGE)
     best, nearest, tied = np.float32(-2), begin, False
     for k in range(run_offsets[b], run_offsets[b + 1]):
@@ -342,7 +342,7 @@ def _first_of(x, y, z, best, begin, end, directions, rows):
 @numba.njit(cache=True, inline="always", error_model="numpy")
 @no_type_check
 def any_within(x, y, z, begin, offsets, directions, cosine, run_offsets, runs):
-    """Whether one of a cell's directions has a greater cosine with (x, y, z) than theta has."""
+    """Whether one of a cell's directions has a cosine with (x, y, z) above `cosine`; the runs are those within its angle."""
     b = bin_of(x, y, z, BINS_PER_EDGE)
     for k in range(run_offsets[b], run_offsets[b + 1]):
         for place in range(begin + offsets[runs[k, 0]], begin + offsets[runs[k, 1]]):

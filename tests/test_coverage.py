@@ -49,26 +49,26 @@ def poses_on_the_edge(stored, seed):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_exact_answers_are_those_of_the_stored_directions(stored, bitmap, seed):
-    index = DirectionIndex.build(GRID, *stored, THETA)
+    index = DirectionIndex.build(GRID, *stored)
     for poses in (random_poses(100_000, seed), poses_on_the_edge(stored, seed)):
-        expected = index.within(*poses)
+        expected = index.within(*poses, THETA)
         assert (bitmap.reachable_exactly(*poses, index) == expected).all()
         assert 0.1 < expected.mean() < 0.9
 
 
 def test_bits_differ_from_exact_answers_in_open_bins_only_and_seldom(stored, bitmap):
-    index = DirectionIndex.build(GRID, *stored, THETA)
+    index = DirectionIndex.build(GRID, *stored)
     position, direction = random_poses(200_000, 5)
-    wrong = bitmap.reachable(position, direction) != index.within(position, direction)
+    wrong = bitmap.reachable(position, direction) != index.within(position, direction, THETA)
     assert 0 < wrong.mean() < 0.01
     is_open = CoverageBitmap(GRID, THETA, bitmap.bins_per_edge, bitmap.slot, bitmap.open, bitmap.covered)
     assert is_open.reachable(position[wrong], direction[wrong]).all()
 
 
 def test_finer_bins_are_more_often_right(stored):
-    index = DirectionIndex.build(GRID, *stored, THETA)
+    index = DirectionIndex.build(GRID, *stored)
     poses = random_poses(100_000, 6)
-    expected = index.within(*poses)
+    expected = index.within(*poses, THETA)
     wrong = [
         (CoverageBitmap.build(GRID, *stored, THETA, bins).reachable(*poses) != expected).mean() for bins in (16, 32, 64)
     ]
@@ -86,7 +86,7 @@ def test_outside_the_grid_nothing_is_reachable(stored, bitmap):
     positions = np.array([[0.3, 0, 0], [np.nan, 0, 0], [0, 0, -1e300], [0.05, 0.05, 0.05]])  # the last: an empty cell
     directions = np.repeat(stored[1][:1], 4, axis=0)
     assert not bitmap.reachable(positions, directions).any()
-    assert not bitmap.reachable_exactly(positions, directions, DirectionIndex.build(GRID, *stored, THETA)).any()
+    assert not bitmap.reachable_exactly(positions, directions, DirectionIndex.build(GRID, *stored)).any()
 
 
 def test_an_odd_number_of_bins_is_refused(stored):
