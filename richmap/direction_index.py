@@ -342,7 +342,7 @@ def _first_of(x, y, z, best, begin, end, directions, rows):
 @numba.njit(cache=True, inline="always", error_model="numpy")
 @no_type_check
 def any_within(x, y, z, begin, offsets, directions, cosine, run_offsets, runs):
-    """Whether one of a cell's directions has a cosine with (x, y, z) above `cosine`; the runs are those within its angle."""
+    """Whether one of a cell's directions has a cosine with (x, y, z) above `cosine`, the one of the runs' angle."""
     b = bin_of(x, y, z, BINS_PER_EDGE)
     for k in range(run_offsets[b], run_offsets[b + 1]):
         for place in range(begin + offsets[runs[k, 0]], begin + offsets[runs[k, 1]]):
