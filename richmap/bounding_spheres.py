@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 from richmap.kinematics import joint_frames, z_to_axis
 from richmap.robot import RobotDescription
 
-COARSE, FINE = 0.06, 0.01
+COARSE, MEDIUM, FINE = 0.06, 0.02, 0.01
 """Edges of the cubes whose content gets one sphere, in [m]."""
 
 MARGIN = 1.01
@@ -49,7 +49,7 @@ class BoundingSpheres:
         for link in links:
             frame = model.frames[model.getFrameId(link)]
             to_joint = z_to_axis(model.joints[frame.parentJoint]).inverse() * frame.placement
-            fitted = [_cover(shape.triangles(), cube) for shape in robot.shapes[link]]
+            fitted = [cover(shape.triangles(), cube) for shape in robot.shapes[link]]
             centres.append(np.concatenate([c for c, _ in fitted]) @ to_joint.rotation.T + to_joint.translation)
             radii.append(np.concatenate([r for _, r in fitted]))
         start = np.concatenate([[0], np.cumsum([len(r) for r in radii])]).astype(np.int64)
@@ -82,9 +82,30 @@ class BoundingSpheres:
         index = np.array([self.links.index(link) for link in links], dtype=np.int64)
         return _near_solid(joints, self.frames, self.start, self.joint, self.centres, self.radii, index, solid)
 
+    def turns_near(
+        self,
+        joints: Float[np.ndarray, "n dof"],
+        links: list[str],
+        centres: Float[np.ndarray, "k 3"],
+        radii: Float[np.ndarray, " k"],
+        turns: int,
+    ) -> Bool[np.ndarray, "n links turns"]:
+        """At which turns of joint 1, of so many in a circle, spheres of each of these links meet fixed spheres.
 
-def _cover(mesh: trimesh.Trimesh, cube: float) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
-    """Spheres that hold a mesh: one for the triangles in each cube."""
+        Args:
+            joints: Configurations that are turned, in [rad].
+            links: Links that move.
+            centres: Of the fixed spheres, in joint 1's frame at angle 0, in [m].
+            radii: Of the fixed spheres, in [m].
+            turns: Angles in a circle; turn k adds k / turns of it to joint 1.
+        """
+        index = np.array([self.links.index(link) for link in links], dtype=np.int64)
+        own = self.start, self.joint, self.centres, self.radii, index
+        return _turns_near(joints, self.frames, *own, centres, radii, turns)
+
+
+def cover(mesh: trimesh.Trimesh, cube: float) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
+    """Centres and radii of spheres that hold a mesh, in [m]: one for the triangles in each cube."""
     cube = max(cube, mesh.extents.max() / 50)
     points, faces = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, cube / 2, max_iter=20)
     triangles = points[faces]
@@ -179,4 +200,32 @@ def _near_solid(joints, frames, start, joint, centres, radii, links, solid):
                     up = max(solid[k, 0] - z, z - solid[k, 1], 0.0)
                     out = max(radius - solid[k, 2], 0.0)
                     near[n, m] = near[n, m] or up * up + out * out <= size * size
+    return near
+
+
+@numba.njit(cache=True, nogil=True)
+@no_type_check
+def _turns_near(joints, frames, start, joint, centres, radii, links, fixed, fixed_radii, turns):
+    near = np.zeros((len(joints), len(links), turns), dtype=np.bool_)
+    placed = np.empty(centres.shape)
+    out = np.sqrt(fixed[:, 0] ** 2 + fixed[:, 1] ** 2)
+    azimuth = np.arctan2(fixed[:, 1], fixed[:, 0])
+    step = 2 * np.pi / turns
+    for n in range(len(joints)):
+        _place(joints[n], frames, start, joint, centres, placed)
+        for m in range(len(links)):
+            for i in range(start[links[m]], start[links[m] + 1]):
+                x, y, z = placed[i]
+                rho = np.sqrt(x * x + y * y)
+                for k in range(len(fixed)):
+                    # Distance^2 at angle a between the two about the axis: flat - 2 rho out cos a.
+                    flat = rho * rho + out[k] * out[k] + (z - fixed[k, 2]) ** 2
+                    reach, swing = (radii[i] + fixed_radii[k]) ** 2, 2 * rho * out[k]
+                    if flat - swing > reach:
+                        continue
+                    half = np.pi if flat + swing <= reach else np.arccos((flat - reach) / swing)
+                    middle = azimuth[k] - np.arctan2(y, x) - joints[n, 0]
+                    first = int(np.floor((middle - half) / step))
+                    for t in range(first, min(int(np.ceil((middle + half) / step)), first + turns - 1) + 1):
+                        near[n, m, t % turns] = True
     return near

@@ -11,7 +11,7 @@ import pinocchio
 import trimesh
 from jaxtyping import Bool, Float, Int
 
-from richmap.bounding_spheres import FINE, BoundingSpheres
+from richmap.bounding_spheres import FINE, MEDIUM, BoundingSpheres, cover
 from richmap.kinematics import z_to_axis
 from richmap.robot import RobotDescription
 
@@ -115,35 +115,15 @@ class SelfCollision:
         return hits
 
     def _protrusion_hits(self, joints: Float[np.ndarray, "n dof"], turns: int) -> Bool[np.ndarray, "n turns"]:
-        """At which turns configurations meet the base's protrusions: first whole swaths of turns, then parts of them.
-
-        Turning the arm forth is turning the protrusions back, so a swath is one mesh of turned copies.
-        """
+        """At which turns configurations meet the base's protrusions."""
+        near = self._fine_spheres.turns_near(joints, self._near_base, *self._protruding_spheres, turns)
         hits = np.zeros((len(joints), turns), dtype=bool)
-        if len(self._protrusions.faces) == 0:
-            return hits
-        rows, first, size = np.arange(len(joints)), np.zeros(len(joints), dtype=int), turns
-        while size > 1:
-            part = max(size // 8, 1)
-            rows = np.repeat(rows, size // part)
-            first = (first[:, None] + part * np.arange(size // part)).ravel()
-            turned = joints[rows]
-            turned[:, 0] += 2 * np.pi * first / turns
-            hit = self._any_hit(self._swath(part, turns), turned)
-            rows, first, size = rows[hit], first[hit], part
-        hits[rows, first] = True
+        for geometry, asked in zip(self._protrusions, np.moveaxis(near, 1, 0), strict=True):
+            of, turn = np.nonzero(asked & ~hits)
+            turned = joints[of]
+            turned[:, 0] += 2 * np.pi * turn / turns
+            hits[of, turn] = self._any_hit(geometry, turned)
         return hits
-
-    def _swath(self, size: int, turns: int) -> pinocchio.GeometryModel:
-        """The protrusions as `size` turns in a row of joint 1 see them, as one mesh."""
-        if (size, turns) not in self._swaths:
-            mesh = self._protrusions
-            back = -2 * np.pi * np.arange(size) / turns
-            copies = [mesh.copy().apply_transform(trimesh.transformations.rotation_matrix(a, [0, 0, 1])) for a in back]
-            whole = trimesh.util.concatenate(copies)
-            volumes = _bounding_volumes(whole.vertices, whole.faces)
-            self._swaths[size, turns] = self._against([(volumes, self._axis)], self._near_base)
-        return self._swaths[size, turns]
 
     def pair_hits(self, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, "n pairs"]:
         """Which of `pairs` intersect in each configuration, in [rad]."""
@@ -184,10 +164,10 @@ class SelfCollision:
             robot: The arm.
             base: The links that joint 1 does not move and that something can hit.
         """
-        self._swaths: dict[tuple[int, int], pinocchio.GeometryModel] = {}
         if not base:
             self._envelope, self._core = [], _with_pairs(self._geometry, [])
-            self._solid, self._near_at, self._protrusions = np.zeros((0, 3)), {}, trimesh.Trimesh()
+            self._solid, self._near_at, self._protrusions = np.zeros((0, 3)), {}, []
+            self._fine_spheres, self._protruding_spheres = self._spheres, (np.zeros((0, 3)), np.zeros(0))
             return
         self._axis = self._model.jointPlacements[1] * z_to_axis(self._model.joints[1])
         frame = {link: self._model.frames[self._model.getFrameId(link)].placement for link in base}
@@ -226,8 +206,14 @@ class SelfCollision:
         }
         self._envelope = [self._against(envelope, [link]) for link in self._near_base]
         self._core = self._against(core, self._near_base)
-        self._protrusions = trimesh.Trimesh(mesh.vertices, faces)
-        self._protrusions.remove_unreferenced_vertices()
+        near_base = tuple(self._near_base)
+        self._fine_spheres = BoundingSpheres.around(robot, self._model, near_base, MEDIUM)
+        self._protruding_spheres = (np.zeros((0, 3)), np.zeros(0))
+        self._protrusions = [_with_pairs(self._geometry, []) for _ in near_base]
+        if len(faces):
+            self._protruding_spheres = cover(trimesh.Trimesh(mesh.vertices, faces), MEDIUM)
+            volumes = [(_bounding_volumes(mesh.vertices, faces), self._axis)]
+            self._protrusions = [self._against(volumes, [link]) for link in near_base]
 
     def _near_at_joint_2(self, robot: RobotDescription, link: str) -> Bool[np.ndarray, " cells"]:
         """Where on the circle of joint 2 a link that it carries may meet the solid around the base.
