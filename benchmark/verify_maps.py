@@ -5,13 +5,13 @@ python -m benchmark.verify_maps robot=panda
 
 import os
 import time
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.command import run_command
 from benchmark.config import VerifyMapsConfig
+from benchmark.verified_maps import MAPS, VerifiedMap
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,60 +30,6 @@ KEY = ["robot", "map", "cell_size", "test_set", "labels"]
 RATES = ("accuracy", "tpr", "fpr")
 
 
-@dataclass(frozen=True)
-class VerifiedMap:
-    """A map as the tables see it: what it answers, how it was made, and what it takes."""
-
-    name: str
-    reachable: "Callable[[np.ndarray, np.ndarray], np.ndarray]"
-    """Whether each pose is reachable: positions (n, 3) in the base frame, in [m], orientations (n, 3, 3) -> (n,)."""
-    cell_size: float
-    """In [m]."""
-    inserted: int
-    """Directions, orientations or marked cells that are stored."""
-    occupancy: float
-    """Fraction of the grid's cells that hold any."""
-    insertion_rate: float
-    """Fraction of all poses offered that were stored."""
-    build_s: float
-    """Wall time of the build, in [s]; NaN where it is not known."""
-    bytes_memory: int
-    bytes_disk: int
-    cells: int
-    """Cells of the grid."""
-
-    @property
-    def avg_per_cell(self) -> float:
-        """Mean number of stored items in a cell that holds any."""
-        return self.inserted / max(self.occupancy * self.cells, 1)
-
-
-def reachability_map(robot: "RobotDescription", config: VerifyMapsConfig, console: "Console") -> VerifiedMap:
-    """The map of directions, theta apart, in the paper's workspace."""
-    from benchmark.build_maps import build_seconds, robot_map
-    from benchmark.poses import paper_z_offset
-
-    settings = replace(config.map, z_offset=paper_z_offset(robot))
-    built = robot_map(robot, (0.0, 0.0, 0.0), settings, config.workers, console)
-    return VerifiedMap(
-        name="richmap",
-        reachable=lambda positions, rotations: built.reachable(positions, rotations[:, :, 2]),
-        cell_size=built.grid.cell_size,
-        inserted=built.inserted,
-        occupancy=built.occupancy,
-        insertion_rate=built.insertion_rate,
-        build_s=build_seconds(built),
-        bytes_memory=built.bytes_memory,
-        bytes_disk=built.bytes_memory,  # The file holds the arrays as they are.
-        cells=built.grid.n_cells,
-    )
-
-
-MAPS: tuple[Callable[["RobotDescription", VerifyMapsConfig, "Console"], VerifiedMap], ...] = (reachability_map,)
-"""What is verified. Each gives a map from the cache, built if it is not there; thresholds are chosen on the validation
-split (`labelled(robot, "hard", "validation", ...)`)."""
-
-
 def main(config: VerifyMapsConfig) -> None:
     """Label the test poses, build what is missing, and write the tables."""
     from rich.console import Console
@@ -100,8 +46,7 @@ def main(config: VerifyMapsConfig) -> None:
                 [labels_row(robot, test_set, labelled, config)],
                 KEY[:1] + KEY[3:4],
             )
-    for build in MAPS:
-        verified = build(robot, config, console)
+    for verified in (verified for build in MAPS for verified in build(robot, config, console)):
         rows = verify(robot, verified, poses)
         table = store(output_dir / "verify_maps.parquet", rows, KEY)
         for row in rows:

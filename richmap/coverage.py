@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
 from richmap.direction_index import EMPTY, DirectionIndex, any_within, cell_of, runs_within
-from richmap.directions import WARP
-from richmap.directions import _corners as bin_corners
+from richmap.directions import WARP, bin_corners
 from richmap.files import load_arrays, save_arrays
 from richmap.grid import Grid
 
@@ -137,7 +136,7 @@ def _tiles_around(n: int, theta: float):
         Unit vectors to the bins' centres, (tiles, 3, bins of a tile); the angle within which each bin lies about its
         centre; offsets and concatenated lists: the tiles about bin b are `lists[offsets[b] : offsets[b + 1]]`.
     """
-    corners = _corners(n)
+    corners = bin_corners(n)
     centre = corners.mean(1)
     centre /= np.linalg.norm(centre, axis=1, keepdims=True)
     slack = 1e-5  # for rounding
@@ -160,7 +159,7 @@ def _tiles_around(n: int, theta: float):
     )
 
 
-def _corners(n: int) -> Float[np.ndarray, "bins 4 3"]:
+def bin_corners(n: int) -> Float[np.ndarray, "bins 4 3"]:
     """Corners of all bins as unit vectors, in the order of `_bin_of`: face, tile, place in the tile."""
     corners = bin_corners(n).reshape(6, n // TILE, TILE, n // TILE, TILE, 4, 3)
     return corners.swapaxes(2, 3).reshape(-1, 4, 3)

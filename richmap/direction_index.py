@@ -8,8 +8,7 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
-from richmap.directions import _corners as bin_corners
-from richmap.directions import bin_of
+from richmap.directions import bin_corners, bin_of
 from richmap.grid import Grid
 
 BLOCKS_PER_EDGE = 6

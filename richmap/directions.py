@@ -37,7 +37,7 @@ def neighbour_bins(theta: float) -> tuple[Int[np.ndarray, " bins1"], Int[np.ndar
         `lists[offsets[b] : offsets[b + 1]]`.
     """
     n = bins_per_edge(theta)
-    corners = _corners(n)
+    corners = bin_corners(n)
     centre = corners.mean(1)
     centre /= np.linalg.norm(centre, axis=1, keepdims=True)
     radius = np.arccos(np.clip(np.einsum("bki,bi->bk", corners, centre), -1, 1)).max(1)
@@ -111,7 +111,7 @@ def decode(face, code):
     return u, v, -w
 
 
-def _corners(n: int) -> Float[np.ndarray, "bins 4 3"]:
+def bin_corners(n: int) -> Float[np.ndarray, "bins 4 3"]:
     """Corners of all bins as unit vectors, in the order of `bin_of`."""
     even = np.linspace(-1, 1, n + 1)
     edge = np.sign(even) * (1 + WARP - np.sqrt((1 + WARP) ** 2 - 4 * WARP * np.abs(even))) / (2 * WARP)
@@ -125,6 +125,6 @@ def _corners(n: int) -> Float[np.ndarray, "bins 4 3"]:
 
 
 def _widest_bin(n: int) -> float:
-    corners = _corners(n)
+    corners = bin_corners(n)
     cosine = np.einsum("bki,bli->bkl", corners, corners)
     return float(np.arccos(np.clip(cosine, -1, 1)).max())

@@ -13,12 +13,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import generate_binary_structure, maximum_filter, minimum_filter
 
+from richmap.collision import self_collision
 from richmap.files import FileRefusedError, load_arrays, save_arrays
 from richmap.free_samples import free_samples, in_chunks
 from richmap.inverse_kinematics import ANGLE_TOLERANCE, POSITION_TOLERANCE, refine
 from richmap.kinematics import flange_frames
 from richmap.robot import RobotDescription
-from richmap.sphere_cover import sphere_cover
 from richmap.turned_cells import TurnedCells, turned
 
 KIND, VERSION = "richmap.FractionMap", 1
@@ -279,7 +279,7 @@ def _reach(
     position, orientation = _poses(points, azimuth)
     joints, off, angle = refine(robot, joints, position, orientation, ITERATIONS, free_roll=True)
     reached = (off <= POSITION_TOLERANCE) & (angle <= ANGLE_TOLERANCE)
-    reached[reached] = ~sphere_cover(robot).collides(joints[reached])
+    reached[reached] = ~self_collision(robot)(joints[reached])
     return reached, joints
 
 

@@ -8,9 +8,9 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from richmap.collision import self_collision
 from richmap.kinematics import forward, joint_frames
 from richmap.robot import RobotDescription
-from richmap.sphere_cover import sphere_cover
 from richmap.turned_cells import TurnedCells, cell_of
 
 BATCH = 1_000_000
@@ -79,7 +79,7 @@ def in_chunks(pool: Executor, function: Callable, robot: RobotDescription, *arra
 
 
 def _collides(robot: RobotDescription, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, " n"]:
-    return sphere_cover(robot).collides(joints)
+    return self_collision(robot)(joints)
 
 
 def _sequence(dof: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from richmap.collision import self_collision
 from richmap.files import FileRefusedError
 from richmap.fraction_map import FULL, FractionConstruction, FractionMap, build_fraction_map
 from richmap.free_samples import free_samples
 from richmap.kinematics import flange_frames
 from richmap.robots import load_robot
-from richmap.sphere_cover import sphere_cover
 from richmap.turned_cells import NoTurnError, TurnedCells
 
 ROBOT = load_robot("iiwa7")
@@ -96,7 +96,7 @@ def test_the_threshold_is_the_best_one_on_the_poses_it_is_chosen_on(poses):
 
 def test_most_poses_that_the_arm_takes_are_found_and_few_beyond_its_reach(coarse_map):
     joints = np.random.default_rng(5).uniform(ROBOT.lower, ROBOT.upper, (2000, 7))
-    joints = joints[~sphere_cover(ROBOT).collides(joints)]
+    joints = joints[~self_collision(ROBOT)(joints)]
     position, rotation = flange_frames(ROBOT, joints)
     assert coarse_map.reachable(position, rotation).mean() > 0.65
     away = position + 2 * (position - [0, 0, 0.34])
@@ -136,5 +136,5 @@ def test_samples_lie_in_their_cells_and_are_free():
     with ThreadPoolExecutor(1) as pool:
         cell, joints = free_samples(ROBOT, cells, 20_000, 0, pool)
     assert np.array_equal(cells.cells_of(*flange_frames(ROBOT, joints)), cell)
-    assert not sphere_cover(ROBOT).collides(joints).any()
+    assert not self_collision(ROBOT)(joints).any()
     assert ((joints >= ROBOT.lower) & (joints <= ROBOT.upper)).all()

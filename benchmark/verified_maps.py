@@ -1,0 +1,203 @@
+"""The maps that `benchmark.verify_maps` scores, from the cache or built: ours, and the two of the paper's Table 1."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from benchmark.config import CapabilityMapConfig, VerifyMapsConfig
+
+if TYPE_CHECKING:
+    import numpy as np
+    from rich.console import Console
+
+    from richmap.robot import RobotDescription
+
+FRACTION_CELL, FRACTION_ANGLES, FRACTION_SAMPLES = 0.04, 48, 20_000_000
+"""Cells of the fraction map, in [m] and along the polar angle, and configurations drawn to begin with."""
+
+FALSE_WEIGHT = 5.0
+"""Weight of an unreachable pose taken for reachable in the threshold of `fraction_low_fpr`."""
+
+
+@dataclass(frozen=True)
+class VerifiedMap:
+    """A map as the tables see it: what it answers, how it was made, and what it takes."""
+
+    name: str
+    reachable: "Callable[[np.ndarray, np.ndarray], np.ndarray]"
+    """Whether each pose is reachable: positions (n, 3) in the base frame, in [m], orientations (n, 3, 3) -> (n,)."""
+    cell_size: float
+    """In [m]."""
+    inserted: int
+    """Directions, orientations or marked cells that are stored."""
+    occupancy: float
+    """Fraction of the grid's cells that hold any."""
+    insertion_rate: float
+    """Fraction of all poses offered that were stored."""
+    build_s: float
+    """Wall time of the build, in [s]; NaN where it is not known."""
+    bytes_memory: int
+    bytes_disk: int
+    cells: int
+    """Cells of the grid."""
+
+    @property
+    def avg_per_cell(self) -> float:
+        """Mean number of stored items in a cell that holds any."""
+        return self.inserted / max(self.occupancy * self.cells, 1)
+
+
+def reachability_map(robot: "RobotDescription", config: VerifyMapsConfig, console: "Console") -> Iterator[VerifiedMap]:
+    """The map of directions in the paper's workspace; and where rolls are left out, the same asked for whole poses."""
+    from benchmark.build_maps import build_seconds, robot_map
+    from benchmark.poses import paper_z_offset
+    from richmap.reachability_map import Reach
+
+    settings = replace(config.map, z_offset=paper_z_offset(robot))
+    built = robot_map(robot, (0.0, 0.0, 0.0), settings, config.workers, console)
+    directions = VerifiedMap(
+        name="richmap",
+        reachable=lambda positions, rotations: built.reachable(positions, rotations[:, :, 2]),
+        cell_size=built.grid.cell_size,
+        inserted=built.inserted,
+        occupancy=built.occupancy,
+        insertion_rate=built.insertion_rate,
+        build_s=build_seconds(built),
+        bytes_memory=built.bytes_memory,
+        bytes_disk=built.bytes_memory,  # The file holds the arrays as they are.
+        cells=built.grid.n_cells,
+    )
+    yield directions
+    if built.gaps is not None:
+        yield replace(
+            directions,
+            name="richmap_rolls",
+            reachable=lambda positions, rotations: built.reach(positions, rotations) == Reach.REACHABLE,
+        )
+
+
+def fraction_map(robot: "RobotDescription", config: VerifyMapsConfig, console: "Console") -> Iterator[VerifiedMap]:
+    """The map of fractions, with two thresholds from the validation split of the hard set."""
+    from benchmark.labels import labelled
+    from richmap import fraction_map, free_samples, turned_cells
+
+    settings = robot.name, robot.fingerprint, FRACTION_CELL, FRACTION_ANGLES, FRACTION_SAMPLES
+    asked = fraction_map.FractionConstruction(*settings, seed=0)
+    code = [fraction_map, free_samples, turned_cells]
+    built, path = _built("fraction_maps", robot, asked, fraction_map.FractionMap, _build_fraction_map, code, console)
+    poses = labelled(robot, "hard", "validation", config.poses // 4, config.workers)
+    for name, negatives in (("fraction", 1.0), ("fraction_low_fpr", FALSE_WEIGHT)):
+        cut = built.with_threshold_from(poses.positions, poses.rotations, poses.strict, negatives)
+        yield _four_dimensional(name, cut, path, cut.reachable)
+
+
+def rm4d(robot: "RobotDescription", config: VerifyMapsConfig, console: "Console") -> Iterator[VerifiedMap]:
+    """RM4D as its authors make it."""
+    from richmap import free_samples, rm4d, turned_cells
+
+    asked = rm4d.RM4DConstruction(robot.name, robot.fingerprint, seed=0)
+    built, path = _built("rm4d", robot, asked, rm4d.RM4D, _build_rm4d, [rm4d, free_samples, turned_cells], console)
+    yield _four_dimensional("rm4d", built, path, built.reachable)
+
+
+def capability_map(robot: "RobotDescription", config: VerifyMapsConfig, console: "Console") -> Iterator[VerifiedMap]:
+    """The capability map, as many orientations as the paper's."""
+    from benchmark.capability_map import capability_map
+    from benchmark.poses import paper_z_offset
+
+    settings = CapabilityMapConfig(config.robot, z_offset=paper_z_offset(robot), workers=config.workers)
+    built = capability_map(robot, settings, console)
+    yield VerifiedMap(
+        name="capability_map",
+        reachable=built.reachable,
+        cell_size=built.grid.cell_size,
+        inserted=built.inserted,
+        occupancy=built.occupancy,
+        insertion_rate=built.insertion_rate,
+        build_s=math.nan,
+        bytes_memory=built.bytes_memory,
+        bytes_disk=built.bytes_memory,  # The file holds the arrays as they are.
+        cells=built.grid.n_cells,
+    )
+
+
+MAPS: tuple[Callable[["RobotDescription", VerifyMapsConfig, "Console"], Iterator[VerifiedMap]], ...] = (
+    reachability_map, fraction_map, rm4d, capability_map,
+)  # fmt: skip
+"""What is verified. Thresholds are chosen on the validation split alone."""
+
+
+def _four_dimensional(name: str, built, path: Path, reachable) -> VerifiedMap:
+    """A map whose cells are not the workspace's: it has no occupancy of them."""
+    return VerifiedMap(
+        name=name,
+        reachable=reachable,
+        cell_size=built.construction.cell_size,
+        inserted=built.inserted,
+        occupancy=math.nan,
+        insertion_rate=math.nan,
+        build_s=float(path.with_suffix(".seconds").read_text()),
+        bytes_memory=built.bytes_memory,
+        bytes_disk=path.stat().st_size,
+        cells=0,
+    )
+
+
+def _built(folder: str, robot: "RobotDescription", asked, kind: type, build: Callable, code: list, console: "Console"):
+    """A four-dimensional map from the cache, built if it is not there, and its file; the time is kept beside it."""
+    from dataclasses import asdict
+    from time import perf_counter
+
+    from benchmark.cache import cached, fingerprint
+    from richmap import bounding_spheres, collision, inverse_kinematics, kinematics
+
+    key = fingerprint(asdict(asked), [*code, bounding_spheres, collision, inverse_kinematics, kinematics])
+    seconds = []
+
+    def make():
+        begin = perf_counter()
+        made = build(robot, asked, console)
+        seconds.append(perf_counter() - begin)
+        return made
+
+    built, path = cached(f"{folder}/{robot.name}-{key[:16]}.safetensors", lambda path: kind.load(path, robot), make)
+    if seconds:
+        path.with_suffix(".seconds").write_text(f"{seconds[0]:.1f}")
+    return built, path
+
+
+def _build_fraction_map(robot: "RobotDescription", asked, console: "Console"):
+    from benchmark.progress import progress_bar
+    from richmap.fraction_map import build_fraction_map
+
+    with _pool() as pool, progress_bar(console) as progress:
+        tasks = {}
+
+        def report(stage) -> None:
+            if stage.stage not in tasks:
+                tasks[stage.stage] = progress.add_task(
+                    f"Fraction map of {robot.name}, {stage.stage}", total=stage.total
+                )
+            progress.update(tasks[stage.stage], completed=stage.done)
+
+        return build_fraction_map(robot, asked, pool, report)
+
+
+def _build_rm4d(robot: "RobotDescription", asked, console: "Console"):
+    from benchmark.progress import progress_bar
+    from richmap.rm4d import build_rm4d
+
+    with _pool() as pool, progress_bar(console) as progress:
+        task = progress.add_task(f"RM4D of {robot.name}", total=asked.samples)
+        return build_rm4d(robot, asked, pool, lambda done: progress.update(task, completed=done))
+
+
+def _pool():
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    from richmap.worker import start_worker
+
+    return ProcessPoolExecutor(2, get_context("spawn"), initializer=start_worker)
