@@ -159,7 +159,7 @@ def _tiles_around(n: int, theta: float):
     )
 
 
-def bin_corners(n: int) -> Float[np.ndarray, "bins 4 3"]:
+def _tile_corners(n: int) -> Float[np.ndarray, "bins 4 3"]:
     """Corners of all bins as unit vectors, in the order of `_bin_of`: face, tile, place in the tile."""
     corners = bin_corners(n).reshape(6, n // TILE, TILE, n // TILE, TILE, 4, 3)
     return corners.swapaxes(2, 3).reshape(-1, 4, 3)
