@@ -136,7 +136,7 @@ def _tiles_around(n: int, theta: float):
         Unit vectors to the bins' centres, (tiles, 3, bins of a tile); the angle within which each bin lies about its
         centre; offsets and concatenated lists: the tiles about bin b are `lists[offsets[b] : offsets[b + 1]]`.
     """
-    corners = bin_corners(n)
+    corners = _tile_corners(n)
     centre = corners.mean(1)
     centre /= np.linalg.norm(centre, axis=1, keepdims=True)
     slack = 1e-5  # for rounding
