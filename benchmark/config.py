@@ -427,6 +427,8 @@ class VerifyMapsConfig:
     """Processes that label and sample; results do not depend on it. A whole number >= 1."""
     output_dir: str = "results"
     """Folder of verify_maps.parquet, verify_labels.parquet and verify_maps.md."""
+    maps: list[str] = field(default_factory=lambda: ["richmap", "fraction", "rm4d", "capability_map"])
+    """Which maps, as in maps=[richmap,fraction]."""
     map: MapConfig = field(default_factory=lambda: MapConfig(stop_rate=0.01))
     """The map of directions; its z_offset is the paper's for the arm, whatever is set."""
 

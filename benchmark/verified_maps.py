@@ -123,9 +123,12 @@ def capability_map(robot: "RobotDescription", config: VerifyMapsConfig, console:
     )
 
 
-MAPS: tuple[Callable[["RobotDescription", VerifyMapsConfig, "Console"], Iterator[VerifiedMap]], ...] = (
-    reachability_map, fraction_map, rm4d, capability_map,
-)  # fmt: skip
+MAPS: dict[str, Callable[["RobotDescription", VerifyMapsConfig, "Console"], Iterator[VerifiedMap]]] = {
+    "richmap": reachability_map,
+    "fraction": fraction_map,
+    "rm4d": rm4d,
+    "capability_map": capability_map,
+}
 """What is verified. Thresholds are chosen on the validation split alone."""
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.command import run_command
+from benchmark.command import check_setting, run_command
 from benchmark.config import VerifyMapsConfig
 from benchmark.verified_maps import MAPS, VerifiedMap
 
@@ -36,6 +36,8 @@ def main(config: VerifyMapsConfig) -> None:
 
     from benchmark.labels import TEST_SETS
 
+    for name in config.maps:
+        check_setting(name in MAPS, "maps", name, ", ".join(MAPS))
     console, output_dir = Console(), Path(config.output_dir)
     robot = config.robot.load()
     poses = {test_set: label_poses(robot, test_set, config, console) for test_set in TEST_SETS}
@@ -46,7 +48,7 @@ def main(config: VerifyMapsConfig) -> None:
                 [labels_row(robot, test_set, labelled, config)],
                 KEY[:1] + KEY[3:4],
             )
-    for verified in (verified for build in MAPS for verified in build(robot, config, console)):
+    for verified in (verified for name in config.maps for verified in MAPS[name](robot, config, console)):
         rows = verify(robot, verified, poses)
         table = store(output_dir / "verify_maps.parquet", rows, KEY)
         for row in rows:
