@@ -115,7 +115,7 @@ def energy_field(
         The field, in the world frame, and its file in the cache.
     """
     from benchmark.cache import cached, fingerprint
-    from richmap import energy, similarity
+    from richmap import energy, energy_settings, similarity
     from richmap.robots import load_robot
 
     source_map = robot_map(load_robot(SOURCE), (0.0, 0.0, 0.0), map_config, workers, console)
@@ -127,13 +127,15 @@ def energy_field(
         "base": base,
         "energy": asdict(config),
     }
-    key = fingerprint(inputs, [similarity, energy])
+    key = fingerprint(inputs, [similarity, energy, energy_settings])
+    choices = asdict(config)
+    scales = choices.pop("scales")
 
     def build() -> energy.EnergyField:
         with console.status(f"Comparing {SOURCE} and {target.name}"):
-            grid = similarity.similarity(source_map, target_map, base)
+            grid = similarity.similarity(source_map, target_map, base, scales)
             about = {"source": SOURCE, "target": target.name, "fingerprint": key}
-            return energy.EnergyField.from_similarity(grid, energy.EnergySettings(**asdict(config)), about)
+            return energy.EnergyField.from_similarity(grid, energy_settings.EnergySettings(**choices), about)
 
     return cached(f"fields/{SOURCE}-{target.name}-{key[:16]}.safetensors", energy.EnergyField.load, build)
 

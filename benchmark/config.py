@@ -103,6 +103,8 @@ class MapConfig:
 class EnergyConfig:
     """How similarity becomes an energy field; what the paper leaves open."""
 
+    scales: int = 5
+    """Bandwidths of the kernel that compares directions (the paper's M), from 1 to 7."""
     step: float = EnergySettings.step
     """Energy per cell of distance from the similar region (the paper's delta), unitless; from 0 to 1."""
     smoothing: float = EnergySettings.smoothing
@@ -117,6 +119,7 @@ class EnergyConfig:
     """Cells without a discrepancy: unfilled or seed."""
 
     def __post_init__(self) -> None:
+        check_setting(1 <= self.scales <= 7, "energy.scales", self.scales, "a whole number from 1 to 7")
         for name, most in (("step", 1), ("smoothing", 10), ("central_radius", 0.5)):
             value = getattr(self, name)
             check_setting(0 <= value <= most, f"energy.{name}", value, f"a number from 0 to {most}")
