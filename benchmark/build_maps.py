@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from filelock import FileLock
 from rich.console import Console
 
 from benchmark.command import check_setting, run_command
@@ -67,17 +68,23 @@ def robot_map(
         del inputs["construction"][ending]
     folder = Path(platformdirs.user_cache_dir("richmap"), "builds", f"{name}-{fingerprint(inputs, code)[:16]}")
 
+    lock, made = FileLock(f"{folder}.lock"), []
+
     def build() -> reachability_map.ReachabilityMap:
-        with MapProgress(name, config, console) as progress:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with lock, MapProgress(name, config, console) as progress:
             built = construction.build_map(description, cells, asked, folder, workers, progress.report)
         _seconds_file(built).write_text(f"{progress.seconds:.1f}")
+        made.append(built)
         return built
 
     def load(path: Path) -> reachability_map.ReachabilityMap:
         return reachability_map.ReachabilityMap.load(path, description)
 
     built, path = cached(f"maps/{name}-{key[:16]}.safetensors", load, build)
-    shutil.rmtree(folder, ignore_errors=True)
+    if made:  # and stored, so that what the build could go on from is not needed any more
+        with lock:
+            shutil.rmtree(folder, ignore_errors=True)
     reached = built.construction
     console.print(
         f"Map of {name}: {built.inserted / 1e6:.2f} M directions in {100 * built.occupancy:.1f} % of the cells, batch "

@@ -66,7 +66,7 @@ def reachability_map(robot: "RobotDescription", config: VerifyMapsConfig, consol
         insertion_rate=built.insertion_rate,
         build_s=build_seconds(built),
         bytes_memory=built.bytes_memory,
-        bytes_disk=built.bytes_memory,  # The file holds the arrays as they are.
+        bytes_disk=built.bytes_memory,  # the arrays as they are, and some kilobytes of header
         cells=built.grid.n_cells,
     )
     yield directions
@@ -86,7 +86,9 @@ def fraction_map(robot: "RobotDescription", config: VerifyMapsConfig, console: "
     settings = robot.name, robot.fingerprint, FRACTION_CELL, FRACTION_ANGLES, FRACTION_SAMPLES
     asked = fraction_map.FractionConstruction(*settings, seed=0)
     code = [fraction_map, free_samples, turned_cells]
-    built, path = _built("fraction_maps", robot, asked, fraction_map.FractionMap, _build_fraction_map, code, console)
+    built, path = _built(
+        "fraction_maps", robot, asked, fraction_map.FractionMap, _build_fraction_map, code, config.workers, console
+    )
     poses = labelled(robot, "hard", "validation", config.poses // 4, config.workers)
     for name, negatives in (("fraction", 1.0), ("fraction_low_fpr", FALSE_WEIGHT)):
         cut = built.with_threshold_from(poses.positions, poses.rotations, poses.strict, negatives)
@@ -98,7 +100,8 @@ def rm4d(robot: "RobotDescription", config: VerifyMapsConfig, console: "Console"
     from richmap import free_samples, rm4d, turned_cells
 
     asked = rm4d.RM4DConstruction(robot.name, robot.fingerprint, seed=0)
-    built, path = _built("rm4d", robot, asked, rm4d.RM4D, _build_rm4d, [rm4d, free_samples, turned_cells], console)
+    code = [rm4d, free_samples, turned_cells]
+    built, path = _built("rm4d", robot, asked, rm4d.RM4D, _build_rm4d, code, config.workers, console)
     yield _four_dimensional("rm4d", built, path, built.reachable)
 
 
@@ -118,7 +121,7 @@ def capability_map(robot: "RobotDescription", config: VerifyMapsConfig, console:
         insertion_rate=built.insertion_rate,
         build_s=math.nan,
         bytes_memory=built.bytes_memory,
-        bytes_disk=built.bytes_memory,  # The file holds the arrays as they are.
+        bytes_disk=built.bytes_memory,  # the arrays as they are, and some kilobytes of header
         cells=built.grid.n_cells,
     )
 
@@ -148,20 +151,30 @@ def _four_dimensional(name: str, built, path: Path, reachable) -> VerifiedMap:
     )
 
 
-def _built(folder: str, robot: "RobotDescription", asked, kind: type, build: Callable, code: list, console: "Console"):
+def _built(
+    folder: str,
+    robot: "RobotDescription",
+    asked,
+    kind: type,
+    build: Callable,
+    code: list,
+    workers: int,
+    console: "Console",
+):
     """A four-dimensional map from the cache, built if it is not there, and its file; the time is kept beside it."""
     from dataclasses import asdict
     from time import perf_counter
 
     from benchmark.cache import cached, fingerprint
-    from richmap import bounding_spheres, collision, inverse_kinematics, kinematics
+    from richmap import bounding_spheres, collision, inverse_kinematics, kinematics, sampling, shape
 
-    key = fingerprint(asdict(asked), [*code, bounding_spheres, collision, inverse_kinematics, kinematics])
+    shared = [bounding_spheres, collision, inverse_kinematics, kinematics, sampling, shape]
+    key = fingerprint(asdict(asked), [*code, *shared])
     seconds = []
 
     def make():
         begin = perf_counter()
-        made = build(robot, asked, console)
+        made = build(robot, asked, workers, console)
         seconds.append(perf_counter() - begin)
         return made
 
@@ -171,11 +184,11 @@ def _built(folder: str, robot: "RobotDescription", asked, kind: type, build: Cal
     return built, path
 
 
-def _build_fraction_map(robot: "RobotDescription", asked, console: "Console"):
+def _build_fraction_map(robot: "RobotDescription", asked, workers: int, console: "Console"):
     from benchmark.progress import progress_bar
     from richmap.fraction_map import build_fraction_map
 
-    with _pool() as pool, progress_bar(console) as progress:
+    with _pool(workers) as pool, progress_bar(console) as progress:
         tasks = {}
 
         def report(stage) -> None:
@@ -188,19 +201,19 @@ def _build_fraction_map(robot: "RobotDescription", asked, console: "Console"):
         return build_fraction_map(robot, asked, pool, report)
 
 
-def _build_rm4d(robot: "RobotDescription", asked, console: "Console"):
+def _build_rm4d(robot: "RobotDescription", asked, workers: int, console: "Console"):
     from benchmark.progress import progress_bar
     from richmap.rm4d import build_rm4d
 
-    with _pool() as pool, progress_bar(console) as progress:
+    with _pool(workers) as pool, progress_bar(console) as progress:
         task = progress.add_task(f"RM4D of {robot.name}", total=asked.samples)
         return build_rm4d(robot, asked, pool, lambda done: progress.update(task, completed=done))
 
 
-def _pool():
+def _pool(workers: int):
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
     from richmap.worker import start_worker
 
-    return ProcessPoolExecutor(2, get_context("spawn"), initializer=start_worker)
+    return ProcessPoolExecutor(workers, get_context("spawn"), initializer=start_worker)

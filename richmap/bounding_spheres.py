@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from richmap.kinematics import joint_frames, z_to_axis
 from richmap.robot import RobotDescription
+from richmap.shape import Shape
 
 COARSE, MEDIUM, FINE = 0.06, 0.02, 0.01
 """Edges of the cubes whose content gets one sphere, in [m]."""
@@ -49,7 +50,7 @@ class BoundingSpheres:
         for link in links:
             frame = model.frames[model.getFrameId(link)]
             to_joint = z_to_axis(model.joints[frame.parentJoint]).inverse() * frame.placement
-            fitted = [cover(shape.triangles(), cube) for shape in robot.shapes[link]]
+            fitted = [_cover_shape(shape, cube) for shape in robot.shapes[link]]
             centres.append(np.concatenate([c for c, _ in fitted]) @ to_joint.rotation.T + to_joint.translation)
             radii.append(np.concatenate([r for _, r in fitted]))
         start = np.concatenate([[0], np.cumsum([len(r) for r in radii])]).astype(np.int64)
@@ -102,6 +103,19 @@ class BoundingSpheres:
         index = np.array([self.links.index(link) for link in links], dtype=np.int64)
         own = self.start, self.joint, self.centres, self.radii, index
         return _turns_near(joints, self.frames, *own, centres, radii, turns)
+
+
+def _cover_shape(shape: Shape, cube: float) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
+    """Spheres that hold a shape: a mesh is its surface, a box, cylinder or sphere is solid."""
+    mesh = shape.triangles()
+    centres, radii = cover(mesh, cube)
+    if shape.kind == "mesh":
+        return centres, radii
+    edge = max(cube, mesh.extents.max() / 20)
+    axes = [np.arange(low + edge / 2, high + edge / 2, edge) for low, high in mesh.bounds.T]
+    inside = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    filling = np.full(len(inside), edge * np.sqrt(3) / 2)
+    return np.concatenate([centres, inside]), np.concatenate([radii, filling])
 
 
 def cover(mesh: trimesh.Trimesh, cube: float) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:

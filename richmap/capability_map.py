@@ -11,7 +11,7 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
-from richmap.files import FileRefusedError, load_arrays, save_arrays
+from richmap.files import check_robot, load_arrays, save_arrays
 from richmap.grid import Grid
 from richmap.robot import RobotDescription
 from richmap.rotations import quaternions_of
@@ -159,7 +159,6 @@ class CapabilityMap:
         about = {
             "grid": json.dumps(asdict(self.grid)),
             "construction": json.dumps(asdict(self.construction)),
-            "content_hash": self.content_hash,
             "frame": f"base frame of {self.construction.robot}; lengths in m, angles in rad; quaternions (w, x, y, z)",
         }
         save_arrays(path, KIND, VERSION, arrays, about)
@@ -177,12 +176,8 @@ class CapabilityMap:
         """
         arrays, about = load_arrays(path, KIND, VERSION)
         construction = CapabilityConstruction(**json.loads(about["construction"]))
-        if robot is not None and robot.fingerprint != construction.robot_fingerprint:
-            raise FileRefusedError(
-                f"{path} is a map of {construction.robot} ({construction.robot_fingerprint[:12]}), not of {robot.name} "
-                f"({robot.fingerprint[:12]}). Build the map of {robot.name}."
-            )
-        capability_map = cls(
+        check_robot(path, construction.robot, construction.robot_fingerprint, robot)
+        return cls(
             Grid.from_dict(json.loads(about["grid"])),
             arrays["start"],
             arrays["quaternions"].T,
@@ -190,11 +185,6 @@ class CapabilityMap:
             arrays["limits"],
             construction,
         )
-        if capability_map.content_hash != about["content_hash"]:
-            raise FileRefusedError(
-                f"{path} is damaged: its content does not have the hash that it names. Build it anew."
-            )
-        return capability_map
 
 
 @numba.njit(cache=True, inline="always", fastmath=True)

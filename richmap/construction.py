@@ -24,6 +24,12 @@ from richmap.worker import start_worker
 
 STATE_VERSION = 1
 
+DRAW = 0x6D6170
+"""Ends the seed of a draw: without it, zeros at the end of another seed would give the same numbers."""
+
+LEAST_OFFERED = 10_000
+"""Poses that a batch offers at least, so that its insertion rate means something."""
+
 
 @dataclass(frozen=True)
 class BuildProgress:
@@ -51,7 +57,7 @@ def build_map(
 ) -> ReachabilityMap:
     """Build a robot's map until it holds `construction.target` directions or brings less than `stop_rate` new ones.
 
-    RichMap, Algorithm 1. Draw i comes from the seed (construction.seed, i) and draws are inserted in order, so the map
+    RichMap, Algorithm 1. Draw i comes from the seed (construction.seed, i, DRAW), draws are inserted in order: the map
     is the same byte for byte whatever the number of workers, and whether or not the build was interrupted: what a
     batch of draws brought is kept in the folder, and a build that finds it there goes on with the next batch.
 
@@ -111,7 +117,12 @@ def merge(robot: RobotDescription, maps: list[ReachabilityMap], folder: Path) ->
                 f"Maps to be merged must share grid and theta. Got {first.grid} with theta {first.construction.theta} "
                 f"rad and {other.grid} with {other.construction.theta} rad."
             )
-    inserter = _empty(robot, first.grid, first.construction, folder)
+        if roll_gap(robot) is not None and not other.rolls_tracked:
+            raise ValueError(f"A map of {robot.name} to be merged knows no rolls; merged, it would claim them all.")
+    seeds = [seed for other in maps for seed in other.construction.merged_seeds or (other.construction.seed,)]
+    if len(set(seeds)) < len(seeds):
+        raise ValueError(f"Maps to be merged are of seeds {seeds}. Of one seed they hold the same; give each its own.")
+    inserter = _empty(robot, first.grid, replace(first.construction, device="cpu"), folder)
     for other in maps:
         cells = np.repeat(np.arange(first.grid.n_cells), np.diff(other.start))
         inserter.insert_rows(cells, other.directions, other.joints, other.gaps)
@@ -122,6 +133,7 @@ def merge(robot: RobotDescription, maps: list[ReachabilityMap], folder: Path) ->
         offered=sum(c.offered for c in rates),
         batch_rate=min(c.batch_rate for c in rates),
         independent_rate=min(c.independent_rate for c in rates),
+        merged_seeds=tuple(seeds),
     )
     return _finish(robot, inserter, reached)
 
@@ -145,17 +157,23 @@ def _insert_batch(inserter: Inserter, draws: Iterator[Orbits], reached: Construc
     """Insert some draws: the fewer of their poses are new, the more draws make a batch (RichMap, adaptive batching)."""
     offered, inserted = inserter.offered, inserter.inserted
     first_offered = first_inserted = 0
-    size = min(ceil(0.1 / reached.batch_rate), 16)
-    for _ in range(size):
+    size, drawn = min(ceil(0.1 / reached.batch_rate), 16), 0
+    while drawn < size or inserter.offered - offered < LEAST_OFFERED:
+        drawn += 1
+        if drawn > size + 1000 and inserter.offered == offered:
+            raise ValueError(
+                f"No configuration of {reached.robot} that is free of self-collision brings the flange into the grid "
+                f"{inserter.grid}. Move the grid (z_offset), make it larger, or look at the collision shapes."
+            )
         orbits = next(draws)
         stored = inserter.insert(orbits)
         first_offered += int((inserter.grid.cells_of(orbits.position) >= 0).sum())
         first_inserted += int(stored[:, 0].sum())
     return replace(
         reached,
-        draws=reached.draws + size,
+        draws=reached.draws + drawn,
         offered=inserter.offered,
-        batch_rate=(inserter.inserted - inserted) / max(inserter.offered - offered, 1),
+        batch_rate=(inserter.inserted - inserted) / (inserter.offered - offered),
         independent_rate=first_inserted / max(first_offered, 1),
     )
 
@@ -185,7 +203,7 @@ def _resume(folder: Path, inserter: Inserter, construction: Construction) -> tup
     state = json.loads(file.read_text())
     if state["of"] != _identity(inserter.grid, construction):
         raise FileRefusedError(f"{folder} holds the state of another build ({state['of']}). Delete it or name another.")
-    reached = Construction(**state["reached"])
+    reached = Construction.from_dict(state["reached"])
     inserter.resume(state["inserted"], reached.offered)
     return replace(reached, stop_rate=construction.stop_rate, target=construction.target), state["seconds"]
 
@@ -243,7 +261,7 @@ def _start_sampler(robot: RobotDescription, construction: Construction, buffers:
 def _draw(index: int, slot: int) -> tuple[int, float, int]:
     """Draw orbits into a slot; how many, and what they share."""
     robot, construction, views = _sampler
-    rng = np.random.default_rng((construction.seed, index))
+    rng = np.random.default_rng((construction.seed, index, DRAW))
     orbits = sample_workspace(robot, rng, construction.draw, construction.turns)
     arrays = orbits.joints, orbits.position, orbits.direction, orbits.gap_axis, orbits.free
     for view, array in zip(views, arrays, strict=True):

@@ -182,6 +182,7 @@ def _bin_of(x, y, z, n):
     u, v = u * per_w, v * per_w
     i = min(np.int32((u * (one + warp * (one - abs(u))) + one) * (half * np.float32(n))), n - np.int32(1))
     j = min(np.int32((v * (one + warp * (one - abs(v))) + one) * (half * np.float32(n))), n - np.int32(1))
+    i, j = max(i, np.int32(0)), max(j, np.int32(0))  # also where a component is not a number
     tiles, bits, mask = n // TILE, np.int32(TILE_BITS), np.int32(TILE - 1)
     tile = (face * tiles + (i >> bits)) * tiles + (j >> bits)
     return (tile << (bits + bits)) | ((i & mask) << bits) | (j & mask)

@@ -6,7 +6,7 @@ from pathlib import Path
 from richmap.mjcf import urdf_from_mjcf
 from richmap.robot import RobotDescription
 from richmap.shape import Shape
-from richmap.urdf import clean_urdf, with_full_turns, without_extras
+from richmap.urdf import clean_urdf, with_full_turns, with_whole_limits, without_extras
 
 NO_MASS = {"mass": "0.001", "inertia": "1e-6"}
 """What a moving link without inertia gets, in [kg] and [kg m2], so that MuJoCo takes the arm; maps do not use it."""
@@ -45,7 +45,7 @@ def custom_robot(path: str | Path, base: str, end_effector: str) -> RobotDescrip
     _add_missing_inertia(root)
     return RobotDescription(
         name=f"custom-{path.stem}",
-        urdf=with_full_turns(ET.tostring(root, encoding="unicode")),
+        urdf=with_whole_limits(with_full_turns(ET.tostring(root, encoding="unicode"))),
         base=base,
         end_effector=end_effector,
         source=path.name,

@@ -76,8 +76,8 @@ def face_of(x, y, z):
 @no_type_check
 def bin_on_face(face, u, v, n):
     """Bin that holds a point of a face."""
-    i = min(int((u * (1 + WARP * (1 - abs(u))) + 1) * 0.5 * n), n - 1)
-    j = min(int((v * (1 + WARP * (1 - abs(v))) + 1) * 0.5 * n), n - 1)
+    i = max(min(int((u * (1 + WARP * (1 - abs(u))) + 1) * 0.5 * n), n - 1), 0)  # also where u is not a number
+    j = max(min(int((v * (1 + WARP * (1 - abs(v))) + 1) * 0.5 * n), n - 1), 0)
     return (face * n + i) * n + j
 
 

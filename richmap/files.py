@@ -1,12 +1,17 @@
 """Safetensors files that are written atomically and carry what they are; half-written or foreign ones are refused."""
 
+import hashlib
 import json
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import safetensors.numpy
 from safetensors import SafetensorError, safe_open
+
+if TYPE_CHECKING:
+    from richmap.robot import RobotDescription
 
 DTYPES = {"F32": "<f4", "F64": "<f8", "I64": "<i8", "I32": "<i4", "U32": "<u4", "U16": "<u2", "U8": "<u1", "BOOL": "?"}
 """NumPy's names of the types that safetensors names."""
@@ -17,12 +22,13 @@ class FileRefusedError(ValueError):
 
 
 def save_arrays(path: Path, kind: str, version: int, arrays: dict[str, np.ndarray], about: dict[str, str]) -> None:
-    """Write arrays and texts to one file that appears whole or not at all."""
+    """Write arrays and texts to one file that appears whole or not at all and names its own hash."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     try:
-        metadata = {"kind": kind, "version": str(version), **about}
-        safetensors.numpy.save_file({k: np.ascontiguousarray(v) for k, v in arrays.items()}, temporary, metadata)
+        metadata = {"kind": kind, "version": str(version), "sha256": _digest(arrays, about), **about}
+        safetensors.numpy.save_file(arrays, temporary, metadata)
         temporary.chmod(0o644)  # safetensors lets only the owner read.
         os.replace(temporary, path)
     finally:
@@ -30,28 +36,58 @@ def save_arrays(path: Path, kind: str, version: int, arrays: dict[str, np.ndarra
 
 
 def load_arrays(path: Path, kind: str, version: int) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    """Map what `save_arrays` wrote into memory, for reading; pages are read when they are touched.
+    """Map what `save_arrays` wrote into memory, for reading.
 
     Raises:
-        FileRefusedError: If the file is cut short or is of another kind or version.
+        FileNotFoundError: If there is no such file.
+        FileRefusedError: If the file is cut short or damaged, or is of another kind or version.
     """
     try:
         with safe_open(path, framework="numpy") as archive:  # refuses a header that does not fit the file's length
             about = archive.metadata() or {}
-    except SafetensorError as error:
+        with path.open("rb") as file:
+            length = int.from_bytes(file.read(8), "little")
+            header = json.loads(file.read(length))
+    except (SafetensorError, OSError, ValueError) as error:
+        if isinstance(error, FileNotFoundError):
+            raise
         raise FileRefusedError(f"{path} is cut short or no {kind} ({error}). Delete it and make it again.") from error
-    found = about.get("kind"), about.get("version")
+    found = about.pop("kind", None), about.pop("version", None)
     if found != (kind, str(version)):
         raise FileRefusedError(
             f"{path} holds {found[0]} of version {found[1]}; expected {kind} of version {version}. "
             "Delete it and make it again."
         )
-    with path.open("rb") as file:
-        length = int.from_bytes(file.read(8), "little")
-        header = json.loads(file.read(length))
     del header["__metadata__"]
     whole = np.memmap(path, np.uint8, "r", offset=8 + length) if header else np.zeros(0, np.uint8)
-    return {name: _tensor(whole, **entry) for name, entry in header.items()}, about
+    named = about.pop("sha256", None)
+    try:
+        arrays = {name: _tensor(whole, **entry) for name, entry in header.items()}
+    except (KeyError, ValueError) as error:
+        raise FileRefusedError(f"{path} is damaged ({error!r}). Delete it and make it again.") from error
+    if _digest(arrays, about) != named:
+        raise FileRefusedError(
+            f"{path} is damaged: its content does not have the hash that it names. Delete it and make it again."
+        )
+    return arrays, about
+
+
+def check_robot(path: Path, name: str, fingerprint: str, robot: "RobotDescription | None") -> None:
+    """Raise `FileRefusedError` if a file is of another arm than the one that it must be of, if that matters."""
+    if robot is not None and robot.fingerprint != fingerprint:
+        raise FileRefusedError(
+            f"{path} is a map of {name} ({fingerprint[:12]}), not of {robot.name} ({robot.fingerprint[:12]}). "
+            f"Build the map of {robot.name}."
+        )
+
+
+def _digest(arrays: dict[str, np.ndarray], about: dict[str, str]) -> str:
+    """SHA-256 over texts, and over names, types, shapes and values of the arrays."""
+    digest = hashlib.sha256(json.dumps(about, sort_keys=True).encode())
+    for name in sorted(arrays):
+        digest.update(f"{name} {arrays[name].dtype.str} {arrays[name].shape}".encode())
+        digest.update(arrays[name].data)
+    return digest.hexdigest()
 
 
 def _tensor(data: np.ndarray, dtype: str, shape: list[int], data_offsets: list[int]) -> np.ndarray:

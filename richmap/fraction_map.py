@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import generate_binary_structure, maximum_filter, minimum_filter
 
 from richmap.collision import self_collision
-from richmap.files import FileRefusedError, load_arrays, save_arrays
+from richmap.files import check_robot, load_arrays, save_arrays
 from richmap.free_samples import free_samples, in_chunks
 from richmap.inverse_kinematics import ANGLE_TOLERANCE, POSITION_TOLERANCE, refine
 from richmap.kinematics import flange_frames
@@ -142,11 +142,7 @@ class FractionMap:
         """
         arrays, about = load_arrays(path, KIND, VERSION)
         construction = FractionConstruction(**json.loads(about["construction"]))
-        if robot is not None and robot.fingerprint != construction.robot_fingerprint:
-            raise FileRefusedError(
-                f"{path} is a map of {construction.robot} ({construction.robot_fingerprint[:12]}), not of {robot.name} "
-                f"({robot.fingerprint[:12]}). Build the map of {robot.name}."
-            )
+        check_robot(path, construction.robot, construction.robot_fingerprint, robot)
         cells = TurnedCells.from_dict(json.loads(about["cells"]))
         return cls(cells, **arrays, construction=construction, threshold=float(about["threshold"]))
 

@@ -21,6 +21,9 @@ from richmap.directions import (
 from richmap.grid import Grid
 from richmap.sampling import Orbits
 
+ROUNDING = 3e-7
+"""Cosines are computed in float32; with this much less than that of theta, none stored is nearer in truth."""
+
 FULL_CIRCLE = 1 << 16
 """Steps in a full circle of roll."""
 
@@ -63,6 +66,7 @@ class Inserter:
         self._lower, self._step = lower, (upper - lower) / 65535
         self._gap = round(gap / (2 * np.pi) * FULL_CIRCLE) if gap else 0
         self._n = bins_per_edge(theta)
+        self._cosine = np.float32(np.cos(theta) - ROUNDING)
         bins = 6 * self._n**2
         rows = grid.n_cells * min(int(capacity_bound(theta)), bins)
         folder.mkdir(parents=True, exist_ok=True)
@@ -95,7 +99,7 @@ class Inserter:
         """Insert a batch; tells which of its poses were stored. Poses outside the grid never are."""
         poses = _turned_poses(orbits)
         grid = np.array(self.grid.origin), self.grid.cell_size, np.array(self.grid.shape)
-        tables = self._table, *neighbour_bins(self.theta), self._n, np.float32(np.cos(self.theta))
+        tables = self._table, *neighbour_bins(self.theta), self._n, self._cosine
         met, cells = self._phase_1.meet(orbits) if self._phase_1 else _meet_stored(*poses, *grid, *tables)
         stored, inserted = _insert_in_order(
             met, cells, orbits.joints, orbits.way, self._lower, self._step, self._gap, self.inserted,
@@ -123,7 +127,7 @@ class Inserter:
         gaps: UInt[np.ndarray, "n 2"] | None,
     ) -> None:
         """Insert what another map of the same arm, grid and theta has stored, row after row."""
-        tables = self._table, *neighbour_bins(self.theta), self._n, np.float32(np.cos(self.theta))
+        tables = self._table, *neighbour_bins(self.theta), self._n, self._cosine
         gaps = np.zeros((len(cells), 2), dtype=np.uint16) if gaps is None else gaps
         before = self.inserted
         self.inserted = _insert_rows(
@@ -144,7 +148,11 @@ class Inserter:
         bins = self._table.shape[1]
         del self._table
         slot, codes, joints = (rows[: self.inserted] for rows in (self._slot, self._codes, self._joints))
-        order = np.argsort(_keys(slot, codes, bins, self._n**2), kind="stable")
+        small = self.grid.n_cells * BLOCKS <= np.iinfo(np.int32).max
+        keys = np.empty(len(slot), dtype=np.int32 if small else np.int64)
+        _fill_keys(slot, codes, bins, self._n**2, keys)
+        order = np.argsort(keys, kind="stable")
+        del keys
         start = np.zeros(self.grid.n_cells + 1, dtype=np.int64)
         np.cumsum(np.bincount(slot // bins, minlength=self.grid.n_cells), out=start[1:])
         gaps = self._gaps.reshape(-1, 2)[slot[order]] if self._gap else None
@@ -196,7 +204,7 @@ def _meet_stored(
     position, direction, gap_axis, free, turns, origin, cell_size, shape, table, offsets, neighbours, n, cosine
 ):
     """Phase 1: the bin of a stored direction that each pose is too near to, -1 for none; and each pose's cell."""
-    met = np.full(free.shape, -1, dtype=np.int16)
+    met = np.full(free.shape, -1, dtype=np.int32)
     cells = np.full(free.shape, -1, dtype=np.int32)
     per_metre = 1 / cell_size
     for i in numba.prange(len(free)):
@@ -249,8 +257,10 @@ def _insert_in_order(
             codes[rows] = code
             for j in range(joints.shape[1]):
                 q = joints[i, j] - lower[j]
-                if j == 0 and way != 0:
+                if j == 0 and t > 0:
                     q = (q + full_turn * t / met.shape[1]) % full_turn
+                    if q > 0.5 * (65535 * step[0] + full_turn):  # just below the lower limit, by rounding
+                        q = 0.0
                 stored_joints[rows, j] = min(max(round(q / step[j]), 0), 65535)
             if gap > 0:
                 gaps[cell, b, 0] = _roll(gap_axis[i], turns[t, 0], turns[t, 1], x, y, z)
@@ -368,13 +378,11 @@ def axis_at_roll(roll, x, y, z):
 
 @numba.njit(cache=True)
 @no_type_check
-def _keys(slot, codes, bins, bins_per_face):
+def _fill_keys(slot, codes, bins, bins_per_face, keys):
     """Cell and block of each row as one number: the order in which `DirectionIndex` takes them as they are."""
-    keys = np.empty(len(slot), dtype=np.int32)
     for i in range(len(slot)):
         x, y, z = decode(slot[i] % bins // bins_per_face, codes[i])
         keys[i] = slot[i] // bins * BLOCKS + bin_of(x, y, z, BLOCKS_PER_EDGE)
-    return keys
 
 
 @numba.njit(cache=True)

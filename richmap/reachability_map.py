@@ -13,17 +13,19 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
 from richmap.direction_index import DirectionIndex
-from richmap.files import FileRefusedError, load_arrays, save_arrays
+from richmap.files import check_robot, load_arrays, save_arrays
 from richmap.grid import Grid
 from richmap.insertion import FULL_CIRCLE, roll_about
 from richmap.robot import RobotDescription
 
-KIND, VERSION = "richmap.ReachabilityMap", 2
+KIND, VERSION = "richmap.ReachabilityMap", 3
 
 
 class Reach(IntEnum):
     """Answer to whether a whole pose can be reached."""
 
+    OUTSIDE = -1
+    """The pose is outside the map's grid."""
     UNREACHABLE = 0
     """No direction within theta is stored in the pose's cell."""
     ROLL_NOT_SEEN = 1
@@ -50,6 +52,8 @@ class Construction:
     """Building stopped when this many directions were stored; 0 for no such target."""
     device: str = "cpu"
     """Where poses were compared with what was stored: cpu or cuda."""
+    merged_seeds: tuple[int, ...] = ()
+    """Seeds of the maps that were merged, in their order; none if the map was not merged."""
     draws: int = 0
     offered: int = 0
     """Poses within the grid that were offered for insertion."""
@@ -57,6 +61,11 @@ class Construction:
     """Insertion rate of the last batch."""
     independent_rate: float = 1.0
     """Insertion rate among the last batch's independently drawn poses."""
+
+    @classmethod
+    def from_dict(cls, fields: dict) -> "Construction":
+        """The inverse of `dataclasses.asdict` after a passage through JSON."""
+        return cls(**{**fields, "merged_seeds": tuple(fields["merged_seeds"])})
 
 
 @dataclass(frozen=True)
@@ -114,7 +123,7 @@ class ReachabilityMap:
     @property
     def insertion_rate(self) -> float:
         """Fraction of all poses offered that were stored."""
-        return self.inserted / self.construction.offered
+        return self.inserted / max(self.construction.offered, 1)
 
     @property
     def bytes_memory(self) -> int:
@@ -188,8 +197,10 @@ class ReachabilityMap:
             ValueError: If rolls are not tracked on this arm.
         """
         self._check_rolls()
-        row, angle = self.nearest(positions, rotations[:, :, 2])
-        answer = np.where(angle < self.construction.theta, Reach.REACHABLE, Reach.UNREACHABLE)
+        row, cosine = self._index.nearest(positions, rotations[:, :, 2])
+        near = cosine > np.float32(np.cos(self.construction.theta))
+        answer = np.where(near, Reach.REACHABLE, Reach.UNREACHABLE)
+        answer[self.grid.cells_of(positions) < 0] = Reach.OUTSIDE
         if self.gaps is not None:
             found = np.flatnonzero(answer == Reach.REACHABLE)
             in_gap = _in_gap(row[found], rotations[found, :, 0], self.directions, self.gaps)
@@ -199,8 +210,9 @@ class ReachabilityMap:
     def _check_rolls(self) -> None:
         if not self.rolls_tracked:
             raise ValueError(
-                f"The map of {self.construction.robot} knows no rolls: the arm's last axis is not its approach "
-                "direction, or turns through less than half a circle. Ask for directions (`reachable`)."
+                f"The map of {self.construction.robot} knows no rolls: the arm's last axis is not the line through its "
+                "flange along the approach direction, or turns through less than half a circle, or the map was made "
+                "without them. Ask for directions (`reachable`)."
             )
 
     def _arrays(self) -> dict[str, np.ndarray]:
@@ -213,7 +225,6 @@ class ReachabilityMap:
             "grid": json.dumps(asdict(self.grid)),
             "construction": json.dumps(asdict(self.construction)),
             "rolls_tracked": json.dumps(self.rolls_tracked),
-            "content_hash": self.content_hash,
             "frame": f"base frame of {self.construction.robot}; lengths in m, angles in rad",
         }
         save_arrays(path, KIND, VERSION, self._arrays(), about)
@@ -230,24 +241,15 @@ class ReachabilityMap:
             FileRefusedError: If the file is cut short or damaged, is no map, or has another version or another robot.
         """
         arrays, about = load_arrays(path, KIND, VERSION)
-        construction = Construction(**json.loads(about["construction"]))
-        if robot is not None and robot.fingerprint != construction.robot_fingerprint:
-            raise FileRefusedError(
-                f"{path} is a map of {construction.robot} ({construction.robot_fingerprint[:12]}), not of {robot.name} "
-                f"({robot.fingerprint[:12]}). Build the map of {robot.name}."
-            )
-        robot_map = cls(
+        construction = Construction.from_dict(json.loads(about["construction"]))
+        check_robot(path, construction.robot, construction.robot_fingerprint, robot)
+        return cls(
             Grid.from_dict(json.loads(about["grid"])),
             gaps=arrays.pop("gaps", None),
             rolls_tracked=json.loads(about["rolls_tracked"]),
             construction=construction,
             **arrays,
         )
-        if robot_map.content_hash != about["content_hash"]:
-            raise FileRefusedError(
-                f"{path} is damaged: its content does not have the hash that it names. Build it anew."
-            )
-        return robot_map
 
 
 @numba.njit(cache=True, parallel=True, nogil=True)

@@ -11,7 +11,7 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float
 
-from richmap.files import FileRefusedError, load_arrays, save_arrays
+from richmap.files import check_robot, load_arrays, save_arrays
 from richmap.free_samples import free_samples
 from richmap.robot import RobotDescription
 from richmap.turned_cells import TurnedCells, cell_of
@@ -93,11 +93,7 @@ class RM4D:
         """
         arrays, about = load_arrays(path, KIND, VERSION)
         construction = RM4DConstruction(**json.loads(about["construction"]))
-        if robot is not None and robot.fingerprint != construction.robot_fingerprint:
-            raise FileRefusedError(
-                f"{path} is a map of {construction.robot} ({construction.robot_fingerprint[:12]}), not of {robot.name} "
-                f"({robot.fingerprint[:12]}). Build the map of {robot.name}."
-            )
+        check_robot(path, construction.robot, construction.robot_fingerprint, robot)
         return cls(TurnedCells.from_dict(json.loads(about["cells"])), arrays["hit"], construction)
 
 

@@ -91,19 +91,21 @@ def within_limits(robot: RobotDescription, angle: Float[np.ndarray, " n"]) -> Bo
 def way_about_base_z(robot: RobotDescription) -> int:
     """How joint 1 turns the arm about the base frame's z axis: 1 counter-clockwise, -1 clockwise, 0 not about it."""
     first = joint_frames(robot)[0]  # the frame whose z axis is joint 1's
-    on_axis = np.allclose(first[:2, 3], 0, atol=1e-9) and np.allclose(first[:2, 2], 0, atol=1e-9)
+    on_axis = np.allclose(first[:2, 3], 0, atol=1e-5) and np.allclose(first[:2, 2], 0, atol=1e-5)
     return round(first[2, 2]) if on_axis else 0
 
 
 def roll_gap(robot: RobotDescription) -> float | None:
     """Width of the gap in the rolls about the approach direction that the last joint turns through, in [rad].
 
-    0 if it turns through all of them. None where rolls are not tracked: where the last axis is not the approach
-    direction, or turns through less than half a circle (two gaps may then overlap in two pieces).
+    0 if it turns through all of them. None where rolls are not tracked: where the last axis is not the line through the
+    flange along the approach direction, or turns through less than half a circle (two gaps may then overlap in two
+    pieces).
     """
     last = joint_frames(robot)[-1]  # the flange seen from the frame whose z axis is the last joint's
     width = 2 * np.pi - (robot.upper[-1] - robot.lower[-1])
-    if not np.allclose(np.abs(last[2, 2]), 1, atol=1e-6) or width >= np.pi:
+    along = np.allclose(last[:2, 3], 0, atol=1e-4) and np.allclose(np.abs(last[2, 2]), 1, atol=1e-6)
+    if not along or width >= np.pi:
         return None
     return max(float(width), 0.0)
 

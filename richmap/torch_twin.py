@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from richmap.grid import Grid
+from richmap.insertion import ROUNDING
 from richmap.sampling import Orbits
 
 PRODUCTS = {"cpu": 1 << 22, "cuda": 1 << 28}
@@ -24,10 +25,10 @@ class StoredDirections:
         if not 0 < theta < np.pi / 2:
             raise ValueError(f"theta is {theta} rad; the padded products need it between 0 and pi / 2.")
         self.device, self.filled = device, 0
-        self._cosine = float(np.float32(np.cos(theta)))
+        self._cosine = float(np.float32(np.cos(theta) - ROUNDING))
         self._slot = torch.full((grid.n_cells,), -1, dtype=torch.int64, device=device)
         self._table = torch.zeros((1024, 64, 3), device=device)  # (filled cell, place, xyz)
-        self._label = torch.zeros((1024, 64), dtype=torch.int16, device=device)
+        self._label = torch.zeros((1024, 64), dtype=torch.int32, device=device)
         self._count = torch.zeros(1024, dtype=torch.int64, device=device)
 
     def open(self, cell: Int[Tensor, " n"]) -> Int[Tensor, " n"]:
@@ -49,7 +50,7 @@ class StoredDirections:
             slot: Rows of the table, sorted.
             direction: Unit vectors.
         """
-        label = torch.full((len(slot),), -1, dtype=torch.int16, device=self.device)
+        label = torch.full((len(slot),), -1, dtype=torch.int32, device=self.device)
         for pose, valid, of in _groups(slot, self._count[: self.filled], self.device.type):
             stored = self._table[of, : max(int(self._count[of].max()), 1)]
             cosine, place = torch.bmm(direction[pose], stored.transpose(1, 2)).max(2)  # (group, pose)
@@ -98,7 +99,7 @@ class TorchPhase1:
         cell = torch.where(free.ravel(), _cells_of(self._grid, position.reshape(-1, 3)), -1)
         order = torch.argsort(cell, stable=True)
         order = order[cell[order] >= 0]
-        met = torch.full_like(cell, -1, dtype=torch.int16)
+        met = torch.full_like(cell, -1, dtype=torch.int32)
         met[order] = self._stored.met(self._stored.open(cell[order]), direction.reshape(-1, 3)[order])
         shape = orbits.free.shape
         return met.cpu().numpy().reshape(shape), cell.int().cpu().numpy().reshape(shape)
@@ -111,7 +112,7 @@ class TorchPhase1:
         cell = torch.as_tensor(cells, device=self._device).long()
         order = torch.argsort(cell, stable=True)
         direction, label = (torch.as_tensor(rows, device=self._device)[order] for rows in (directions, bins))
-        self._stored.store(self._stored.open(cell[order]), direction, label.short())
+        self._stored.store(self._stored.open(cell[order]), direction, label.int())
 
 
 class TorchInserter:
@@ -148,7 +149,7 @@ class TorchInserter:
         order, slot = order[clear], slot[clear]
         kept = self._stored.kept(slot, direction[order])
         order, slot = order[kept], slot[kept]
-        self._stored.store(slot, direction[order], torch.zeros_like(slot).short())
+        self._stored.store(slot, direction[order], torch.zeros_like(slot).int())
         by_time = torch.sort(order).values
         self._cells.append(cell[by_time])
         self._directions.append(direction[by_time])
@@ -164,7 +165,7 @@ class TorchInserter:
         """Take over what another inserter has `stored` in cells that hold nothing yet; nothing is compared."""
         cell, direction, joints = (torch.as_tensor(rows, device=self.device) for rows in (cell, direction, joints))
         order = torch.argsort(cell, stable=True)
-        self._stored.store(self._stored.open(cell[order]), direction[order].float(), torch.zeros_like(order).short())
+        self._stored.store(self._stored.open(cell[order]), direction[order].float(), torch.zeros_like(order).int())
         self._cells.append(cell.long())
         self._directions.append(direction.float())
         self._joints.append(joints.float())

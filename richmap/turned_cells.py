@@ -48,10 +48,13 @@ class TurnedCells:
             NoTurnError: If joint 1 does not turn the arm about the base frame's z axis by 300 degrees or more.
         """
         turn = robot.upper[0] - robot.lower[0]
-        if way_about_base_z(robot) == 0 or turn < FREE_TURN:
+        instead = "Use a map of positions and directions: richmap.construction."
+        if way_about_base_z(robot) == 0:
+            raise NoTurnError(f"Joint 1 of {robot.name} does not turn it about the base frame's z axis. {instead}")
+        if turn < FREE_TURN:
             raise NoTurnError(
-                f"Joint 1 of {robot.name} has a range of {np.degrees(turn):.0f} degrees. These cells need 300 or more, "
-                "about the base frame's z axis. Use a map of positions and directions: richmap.construction."
+                f"Joint 1 of {robot.name} has a range of {np.degrees(turn):.0f} degrees; these cells need 300 or more. "
+                f"{instead}"
             )
         joints = np.random.default_rng(0).uniform(robot.lower, robot.upper, (100_000, len(robot.joints)))
         position, _ = flange_frames(robot, joints)

@@ -67,3 +67,11 @@ def with_full_turns(urdf: str) -> str:
             limit = ET.SubElement(joint, "limit", effort="0", velocity="0") if limit is None else limit
             limit.attrib.update(lower=repr(-math.pi), upper=repr(math.pi))
     return ET.tostring(root, encoding="unicode")
+
+
+def with_whole_limits(urdf: str) -> str:
+    """Give limits the effort and velocity that URDF asks for and nothing here reads."""
+    root = ET.fromstring(urdf)
+    for limit in root.iter("limit"):
+        limit.attrib = {"effort": "0", "velocity": "0", **limit.attrib}
+    return ET.tostring(root, encoding="unicode")

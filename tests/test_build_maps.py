@@ -4,7 +4,7 @@ import pytest
 from rich.console import Console
 
 from benchmark import merge_maps
-from benchmark.build_maps import energy_field, robot_map
+from benchmark.build_maps import MapProgress, energy_field, robot_map
 from benchmark.command import SettingError
 from benchmark.config import EnergyConfig, MapConfig, MergeMapsConfig, RobotConfig
 from richmap.reachability_map import ReachabilityMap
@@ -44,6 +44,22 @@ def test_maps_and_field_are_built_once_and_anew_for_other_settings(cache):
     path.write_bytes(path.read_bytes()[:100])  # cut short
     mended, _ = energy_field(load_robot("ur3"), COMMON_BASE, COARSE, EnergyConfig(), 1, console)
     assert (mended.values == field.values).all()
+
+
+def test_a_map_from_the_cache_leaves_the_state_of_an_unfinished_build_alone(cache, monkeypatch):
+    console, robot = Console(quiet=True), load_robot("ur3")
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    robot_map(robot, COMMON_BASE, COARSE, 1, console)
+    assert not list(cache.rglob("state.json"))
+    with pytest.raises(KeyboardInterrupt), monkeypatch.context() as patch:
+        patch.setattr(MapProgress, "report", interrupt)
+        robot_map(robot, COMMON_BASE, dataclasses.replace(COARSE, stop_rate=0.1), 1, console)
+    assert len(list(cache.rglob("state.json"))) == 1
+    robot_map(robot, COMMON_BASE, COARSE, 1, console)
+    assert len(list(cache.rglob("state.json"))) == 1
 
 
 def test_a_moved_base_moves_the_field_with_the_arm(cache):

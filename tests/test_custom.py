@@ -79,6 +79,21 @@ def test_boxes_cylinders_and_spheres_collide(file):
     assert (check(joints) == hits.any(1)).all()
 
 
+def test_limits_need_no_effort_or_velocity(file):
+    file.write_text(ARM.replace(' effort="1" velocity="1"', ""))
+    robot = custom_robot(file, "base", "flange")
+    assert len(sample_workspace(robot, np.random.default_rng(0), 50, 2).joints) > 0
+
+
+def test_a_box_within_a_box_collides(file):
+    """Primitives are solid, other than meshes."""
+    file.write_text(ARM)
+    robot = custom_robot(file, "base", "flange")
+    check = self_collision(robot)
+    joints = np.random.default_rng(4).uniform(robot.lower, robot.upper, (2000, 3))
+    assert (check(joints) == check.pair_hits(joints).any(1)).all()
+
+
 def test_a_foot_that_is_fixed_to_the_base_does_not_turn_with_the_arm(file):
     robot = custom_robot(file, "base", "flange")
     check = self_collision(robot)

@@ -76,7 +76,7 @@ def test_directions_in_a_cell_are_theta_apart_and_within_capacity(inserter):
         v = directions[cells == c].astype(float)
         angle = np.arccos(np.clip(v @ v.T, -1, 1))
         np.fill_diagonal(angle, np.pi)
-        assert angle.min() >= THETA - 1e-5
+        assert angle.min() >= THETA
         assert len(v) <= capacity_bound(THETA)
 
 
