@@ -1,4 +1,4 @@
-"""Reachability maps, their similarity, and energy fields."""
+"""Reachability maps, their similarity, and the energy field made from it."""
 
 import hashlib
 import os
