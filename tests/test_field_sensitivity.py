@@ -51,7 +51,7 @@ def test_our_choice_is_the_default_of_library_and_command():
     ours = {name: values[0] for name, values in CHOICES.items()}
     assert ours.pop("scales") == SCALES and CELL_SIZE == MapConfig().cell_size
     assert ours.items() <= asdict(EnergySettings()).items()
-    assert asdict(EnergyConfig()) == asdict(EnergySettings())
+    assert asdict(EnergyConfig()) == {**asdict(EnergySettings()), "scales": SCALES}
 
 
 def test_every_combination_is_a_field_and_every_position_counts_once_in_it(table, path):

@@ -25,7 +25,7 @@ def maps(tmp_path_factory):
     built = {}
     for name in ("xarm6", "ur3"):
         robot = load_robot(name)
-        settings = Construction(name, robot.fingerprint, 0.1, seed=0, draw=4096, turns=128, stop_rate=0.1, target=0)
+        settings = Construction(name, robot.fingerprint, 0.1, seed=0, draw=4096, turns=128, stop_rate=0.05, target=0)
         built[name] = build_map(robot, grid, settings, tmp_path_factory.mktemp(name), workers=1)
     return built
 
