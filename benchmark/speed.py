@@ -268,6 +268,7 @@ take 91 µs at batch 100, 45 µs at 10,000 and 2.5 µs at 1,000,000 (cells of 0.
 def markdown(table: "pd.DataFrame") -> str:
     """The table for people: times, then shares and errors."""
     asked = table.name.str.match("query|insert|sample")
+    table = table.assign(cell_size=table.cell_size.astype(str) + " m")
     timed = table.assign(value=table.value * 1e9, batch=table.batch.astype(str).where(asked, ""))[table.unit == "s"]
     index = ["cell_size", "name", "device"]
     parts = [
