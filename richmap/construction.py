@@ -1,7 +1,9 @@
 """Building a map: worker processes sample the workspace, this process inserts what they draw in a fixed order."""
 
+import errno
 import json
 import os
+import shutil
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -26,6 +28,9 @@ STATE_VERSION = 1
 
 DRAW = 0x6D6170
 """Ends the seed of a draw: without it, zeros at the end of another seed would give the same numbers."""
+
+ROOM = 1 << 30
+"""Bytes that the disk must have left before a batch; one takes a quarter of that at most."""
 
 LEAST_OFFERED = 10_000
 """Poses that a batch offers at least, so that its insertion rate means something."""
@@ -71,6 +76,7 @@ def build_map(
 
     Raises:
         FileRefusedError: If the folder holds the state of another build.
+        OSError: If the disk is nearly full; what was built stays.
     """
     inserter = _empty(robot, grid, construction, folder)
     reached, seconds = _resume(folder, inserter, construction)
@@ -78,6 +84,7 @@ def build_map(
     with _Samplers(robot, construction, workers) as samplers:
         draws = samplers.draws(reached.draws)
         while not _done(reached, inserter.inserted):
+            _check_room(folder)
             reached = _insert_batch(inserter, draws, reached)
             seconds = perf_counter() - begin
             _commit(folder, inserter, reached, seconds)
@@ -147,6 +154,15 @@ def _finish(robot: RobotDescription, inserter: Inserter, reached: Construction) 
     start, directions, joints, gaps = inserter.finish()
     limits = np.stack([robot.lower, robot.upper])
     return ReachabilityMap(inserter.grid, start, directions, joints, limits, gaps, roll_gap(robot) is not None, reached)
+
+
+def _check_room(folder: Path) -> None:
+    """A disk that fills up while a mapped file is written to would end the process without a word."""
+    free = shutil.disk_usage(folder).free
+    if free < ROOM:
+        raise OSError(
+            errno.ENOSPC, f"Building a map needs {ROOM / 1e9:.1f} GB of free disk. {free / 1e9:.1f} GB are left", folder
+        )
 
 
 def _done(reached: Construction, inserted: int) -> bool:

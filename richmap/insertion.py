@@ -1,5 +1,6 @@
 """Greedy insertion of approach directions that keeps those stored in a cell at least theta apart."""
 
+from mmap import MAP_ANONYMOUS, MAP_PRIVATE, mmap
 from pathlib import Path
 from typing import no_type_check
 
@@ -72,10 +73,10 @@ class Inserter:
         folder.mkdir(parents=True, exist_ok=True)
         self._slot = _rows(folder / "slot", np.int64, (rows,))
         self._joints = _rows(folder / "joints", np.uint16, (rows, len(lower)))
-        self._table = np.zeros((grid.n_cells, bins), dtype=np.uint32)
-        shape = (grid.n_cells, bins, 2) if self._gap else (1, 1, 2)
-        self._gaps = _rows(folder / "gaps", np.uint16, shape)
         self._codes = _rows(folder / "codes", np.uint32, (rows,))
+        self._gaps = _rows(folder / "gaps", np.uint16, (rows if self._gap else 1, 2))
+        self._table = np.zeros((grid.n_cells, bins), dtype=np.uint32)
+        self._row = _small_pages((grid.n_cells, bins) if self._gap else (1, 1))
         self._filled = np.zeros(grid.n_cells, dtype=bool)
         self._phase_1 = None
         if device != "cpu":
@@ -92,6 +93,8 @@ class Inserter:
         """Go on after this many rows, which an earlier process left in the folder."""
         self.inserted, self.offered = inserted, offered
         self._table.ravel()[self._slot[:inserted]] = self._codes[:inserted]
+        if self._gap:
+            self._row.ravel()[self._slot[:inserted]] = np.arange(inserted, dtype=np.uint32)
         self._filled[self._slot[:inserted] // self._table.shape[1]] = True
         self._on_device(0, inserted)
 
@@ -103,10 +106,10 @@ class Inserter:
         met, cells = self._phase_1.meet(orbits) if self._phase_1 else _meet_stored(*poses, *grid, *tables)
         stored, inserted = _insert_in_order(
             met, cells, orbits.joints, orbits.way, self._lower, self._step, self._gap, self.inserted,
-            *poses, *tables, self._filled, self._gaps, self._slot, self._codes, self._joints,
+            *poses, *tables, self._filled, self._row, self._gaps, self._slot, self._codes, self._joints,
         )  # fmt: skip
         if self._gap:
-            _add_rolls(met, stored, cells, *poses, *tables, self._gaps, self._gap)
+            _add_rolls(met, stored, cells, *poses, self._table, self._n, self._row, self._gaps, self._gap)
         self._on_device(self.inserted, inserted)
         self.inserted = inserted
         self.offered += int((cells >= 0).sum())
@@ -132,7 +135,7 @@ class Inserter:
         before = self.inserted
         self.inserted = _insert_rows(
             cells, directions, joints, gaps, self.inserted,
-            *tables, self._filled, self._gaps, self._slot, self._codes, self._joints, self._gap,
+            *tables, self._filled, self._row, self._gaps, self._slot, self._codes, self._joints, self._gap,
         )  # fmt: skip
         self._on_device(before, self.inserted)
 
@@ -146,7 +149,7 @@ class Inserter:
         Nothing can be inserted afterwards: the tables are given back, since fine maps fill half of a memory.
         """
         bins = self._table.shape[1]
-        del self._table
+        del self._table, self._row
         slot, codes, joints = (rows[: self.inserted] for rows in (self._slot, self._codes, self._joints))
         small = self.grid.n_cells * BLOCKS <= np.iinfo(np.int32).max
         keys = np.empty(len(slot), dtype=np.int32 if small else np.int64)
@@ -155,13 +158,18 @@ class Inserter:
         del keys
         start = np.zeros(self.grid.n_cells + 1, dtype=np.int64)
         np.cumsum(np.bincount(slot // bins, minlength=self.grid.n_cells), out=start[1:])
-        gaps = self._gaps.reshape(-1, 2)[slot[order]] if self._gap else None
+        gaps = self._gaps[: self.inserted][order] if self._gap else None
         return start, _decode_rows(order, slot, codes, bins, self._n**2), joints[order], gaps
 
 
 def _rows(file: Path, dtype: type, shape: tuple[int, ...]) -> np.memmap:
     """A file of rows, as it is or new; what was not written takes no room on the disk."""
     return np.memmap(file, dtype, "r+" if file.exists() else "w+", shape=shape)
+
+
+def _small_pages(shape: tuple[int, int]) -> UInt[np.ndarray, "cells bins"]:
+    """Zeros that take a page of 4 kB where they are touched; NumPy's take 2 MB, for speed."""
+    return np.frombuffer(mmap(-1, 4 * shape[0] * shape[1], flags=MAP_PRIVATE | MAP_ANONYMOUS), np.uint32).reshape(shape)
 
 
 def _turned_poses(orbits: Orbits):
@@ -234,7 +242,7 @@ def _insert_in_order(
     met, cells, joints, way, lower, step, gap, rows,
     position, direction, gap_axis, free, turns,
     table, offsets, neighbours, n, cosine,
-    filled, gaps, slot, codes, stored_joints,
+    filled, row, gaps, slot, codes, stored_joints,
 ):  # fmt: skip
     """Phase 2: insert what met nothing, one after the other, unless one before was too near."""
     stored = np.zeros(met.shape, dtype=np.bool_)
@@ -263,8 +271,9 @@ def _insert_in_order(
                         q = 0.0
                 stored_joints[rows, j] = min(max(round(q / step[j]), 0), 65535)
             if gap > 0:
-                gaps[cell, b, 0] = _roll(gap_axis[i], turns[t, 0], turns[t, 1], x, y, z)
-                gaps[cell, b, 1] = gap
+                row[cell, b] = rows
+                gaps[rows, 0] = _roll(gap_axis[i], turns[t, 0], turns[t, 1], x, y, z)
+                gaps[rows, 1] = gap
             rows += 1
             stored[i, t] = True
     return stored, rows
@@ -273,8 +282,7 @@ def _insert_in_order(
 @numba.njit(cache=True, parallel=True, nogil=True)
 @no_type_check
 def _add_rolls(
-    met, stored, cells, position, direction, gap_axis, free, turns,
-    table, offsets, neighbours, n, cosine, gaps, gap,
+    met, stored, cells, position, direction, gap_axis, free, turns, table, n, row, gaps, gap
 ):  # fmt: skip
     """Narrow the gap in the rolls of each direction that rejected a pose: what stays is in both of their gaps.
 
@@ -288,7 +296,7 @@ def _add_rolls(
                 if cell < 0 or cell % parts != part or stored[i, t]:
                     continue
                 b = met[i, t]
-                entry = gaps[cell, b]
+                entry = gaps[row[cell, b]]
                 if entry[1] == 0:
                     continue
                 x, y, z = decode(b // (n * n), table[cell, b])
@@ -299,7 +307,7 @@ def _add_rolls(
 @no_type_check
 def _insert_rows(
     cells, directions, joints, other_gaps, rows,
-    table, offsets, neighbours, n, cosine, filled, gaps, slot, codes, stored_joints, gap,
+    table, offsets, neighbours, n, cosine, filled, row, gaps, slot, codes, stored_joints, gap,
 ):  # fmt: skip
     """Rows of another map; its gaps count from the canonical frames of its directions."""
     bins = table.shape[1]
@@ -315,12 +323,13 @@ def _insert_rows(
             codes[rows] = code
             stored_joints[rows] = joints[i]
             if gap > 0:
-                gaps[cell, b] = other_gaps[i]
+                row[cell, b] = rows
+                gaps[rows] = other_gaps[i]
             rows += 1
-        elif gap > 0 and gaps[cell, other, 1] > 0:
+        elif gap > 0 and gaps[row[cell, other], 1] > 0:
             ax, ay, az = axis_at_roll(other_gaps[i, 0], x, y, z)
             x, y, z = decode(other // (n * n), table[cell, other])
-            _narrow(gaps[cell, other], int(roll_about(ax, ay, az, x, y, z)) % FULL_CIRCLE, other_gaps[i, 1])
+            _narrow(gaps[row[cell, other]], int(roll_about(ax, ay, az, x, y, z)) % FULL_CIRCLE, other_gaps[i, 1])
     return rows
 
 
