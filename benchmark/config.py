@@ -3,6 +3,7 @@
 import math
 import os
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -417,6 +418,48 @@ class ApproximateIkConfig:
 
 
 @dataclass
+class FractionMapConfig:
+    """How finely a map of fractions divides the turned workspace."""
+
+    cell_size: float = 0.04
+    """Edge of a cell, in m, from 0.01 to 0.2."""
+    angles: int = 48
+    """Cells along the angle between approach direction and vertical; from 4 to 180."""
+    samples: int = 20_000_000
+    """Configurations drawn to begin with; a whole number >= 1000."""
+
+    def __post_init__(self) -> None:
+        check_setting(0.01 <= self.cell_size <= 0.2, "fraction.cell_size", self.cell_size, "a number from 0.01 to 0.2")
+        check_setting(4 <= self.angles <= 180, "fraction.angles", self.angles, "a whole number from 4 to 180")
+        check_setting(self.samples >= 1000, "fraction.samples", self.samples, "a whole number >= 1000")
+
+
+@dataclass
+class MapGrowthConfig:
+    """Scores an arm's map of directions while it is built, as in the paper's figure over inserted poses."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom; its rows replace older ones in the table."""
+    millions: list[float] = field(default_factory=lambda: [0.2, 0.5, 1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 15.0, 18.0])
+    """Inserted directions, in millions, at which the map is scored; once more at the end. Rising numbers above 0."""
+    poses: int = 100_000
+    """Poses of each test set; a whole number >= 100."""
+    workers: int = 2
+    """Processes that label and sample; results do not depend on it. A whole number >= 1."""
+    output_dir: str = "results"
+    """Folder of map_growth.parquet; the figure goes to its folder figures."""
+    map: MapConfig = field(default_factory=lambda: MapConfig(stop_rate=0.01))
+    """The map of directions; its z_offset is the paper's for the arm, whatever is set."""
+
+    def __post_init__(self) -> None:
+        rising = all(a < b for a, b in pairwise([0, *self.millions]))
+        check_setting(rising, "millions", self.millions, "rising numbers above 0")
+        for name, least in (("poses", 100), ("workers", 1)):
+            check_setting(getattr(self, name) >= least, name, getattr(self, name), f"a whole number >= {least}")
+        check_folder(self.output_dir)
+
+
+@dataclass
 class VerifyMapsConfig:
     """Scores an arm's maps on poses that inverse kinematics has labelled, beside the paper's figures."""
 
@@ -432,6 +475,7 @@ class VerifyMapsConfig:
     """Folder of verify_maps.parquet, verify_labels.parquet and verify_maps.md."""
     maps: list[str] = field(default_factory=lambda: ["richmap", "fraction", "rm4d", "capability_map"])
     """Which maps, as in maps=[richmap,fraction]."""
+    fraction: FractionMapConfig = field(default_factory=FractionMapConfig)
     map: MapConfig = field(default_factory=lambda: MapConfig(stop_rate=0.01))
     """The map of directions; its z_offset is the paper's for the arm, whatever is set."""
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,10 +12,8 @@ if TYPE_CHECKING:
     import numpy as np
     from rich.console import Console
 
+    from richmap.reachability_map import ReachabilityMap
     from richmap.robot import RobotDescription
-
-FRACTION_CELL, FRACTION_ANGLES, FRACTION_SAMPLES = 0.04, 48, 20_000_000
-"""Cells of the fraction map, in [m] and along the polar angle, and configurations drawn to begin with."""
 
 FALSE_WEIGHT = 5.0
 """Weight of an unreachable pose taken for reachable in the threshold of `fraction_low_fpr`."""
@@ -42,6 +40,8 @@ class VerifiedMap:
     bytes_disk: int
     cells: int
     """Cells of the grid."""
+    score: "Callable[[np.ndarray, np.ndarray], np.ndarray] | None" = None
+    """Of each pose, where the answer is whether this is above a threshold; arguments as for `reachable`."""
 
     @property
     def avg_per_cell(self) -> float:
@@ -57,18 +57,7 @@ def reachability_map(robot: "RobotDescription", config: VerifyMapsConfig, consol
 
     settings = replace(config.map, z_offset=paper_z_offset(robot))
     built = robot_map(robot, (0.0, 0.0, 0.0), settings, config.workers, console)
-    directions = VerifiedMap(
-        name="richmap",
-        reachable=lambda positions, rotations: built.reachable(positions, rotations[:, :, 2]),
-        cell_size=built.grid.cell_size,
-        inserted=built.inserted,
-        occupancy=built.occupancy,
-        insertion_rate=built.insertion_rate,
-        build_s=build_seconds(built),
-        bytes_memory=built.bytes_memory,
-        bytes_disk=built.bytes_memory,  # the arrays as they are, and some kilobytes of header
-        cells=built.grid.n_cells,
-    )
+    directions = map_of_directions(built, build_seconds(built))
     yield directions
     if built.gaps is not None:
         yield replace(
@@ -78,13 +67,28 @@ def reachability_map(robot: "RobotDescription", config: VerifyMapsConfig, consol
         )
 
 
+def map_of_directions(built: "ReachabilityMap", build_s: float) -> VerifiedMap:
+    """A map of directions that is asked for approach directions alone."""
+    return VerifiedMap(
+        name="richmap",
+        reachable=lambda positions, rotations: built.reachable(positions, rotations[:, :, 2]),
+        cell_size=built.grid.cell_size,
+        inserted=built.inserted,
+        occupancy=built.occupancy,
+        insertion_rate=built.insertion_rate,
+        build_s=build_s,
+        bytes_memory=built.bytes_memory,
+        bytes_disk=built.bytes_memory,  # the arrays as they are, and some kilobytes of header
+        cells=built.grid.n_cells,
+    )
+
+
 def fraction_map(robot: "RobotDescription", config: VerifyMapsConfig, console: "Console") -> Iterator[VerifiedMap]:
     """The map of fractions, with two thresholds from the validation split of the hard set."""
     from benchmark.labels import labelled
     from richmap import fraction_map, free_samples, turned_cells
 
-    settings = robot.name, robot.fingerprint, FRACTION_CELL, FRACTION_ANGLES, FRACTION_SAMPLES
-    asked = fraction_map.FractionConstruction(*settings, seed=0)
+    asked = fraction_map.FractionConstruction(robot.name, robot.fingerprint, **asdict(config.fraction), seed=0)
     code = [fraction_map, free_samples, turned_cells]
     built, path = _built(
         "fraction_maps", robot, asked, fraction_map.FractionMap, _build_fraction_map, code, config.workers, console
@@ -92,7 +96,7 @@ def fraction_map(robot: "RobotDescription", config: VerifyMapsConfig, console: "
     poses = labelled(robot, "hard", "validation", config.poses // 4, config.workers)
     for name, negatives in (("fraction", 1.0), ("fraction_low_fpr", FALSE_WEIGHT)):
         cut = built.with_threshold_from(poses.positions, poses.rotations, poses.strict, negatives)
-        yield _four_dimensional(name, cut, path, cut.reachable)
+        yield replace(_four_dimensional(name, cut, path, cut.reachable), score=cut.score)
 
 
 def rm4d(robot: "RobotDescription", config: VerifyMapsConfig, console: "Console") -> Iterator[VerifiedMap]:
@@ -162,7 +166,6 @@ def _built(
     console: "Console",
 ):
     """A four-dimensional map from the cache, built if it is not there, and its file; the time is kept beside it."""
-    from dataclasses import asdict
     from time import perf_counter
 
     from benchmark.cache import cached, fingerprint

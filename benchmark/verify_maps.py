@@ -5,7 +5,7 @@ python -m benchmark.verify_maps robot=panda
 
 import os
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,12 +42,7 @@ def main(config: VerifyMapsConfig) -> None:
     robot = config.robot.load()
     poses = {test_set: label_poses(robot, test_set, config, console) for test_set in TEST_SETS}
     for test_set, labelled in poses.items():
-        with console.status(f"Checking the labels of {robot.name}, {test_set}"):
-            store(
-                output_dir / "verify_labels.parquet",
-                [labels_row(robot, test_set, labelled, config)],
-                KEY[:1] + KEY[3:4],
-            )
+        check_labels(robot, test_set, labelled, config, console)
     for verified in _verified_maps(robot, config, console):
         rows = verify(robot, verified, poses)
         table = store(output_dir / "verify_maps.parquet", rows, KEY)
@@ -58,6 +53,9 @@ def main(config: VerifyMapsConfig) -> None:
                 soft_wrap=True,
             )
         report(output_dir, table)
+        if verified.score:
+            curve = threshold_curve(robot, verified, poses)
+            draw_curves(store(output_dir / "verify_curves.parquet", curve, [*KEY, "threshold"]), table, output_dir)
     console.print(f"Tables: {output_dir / 'verify_maps.md'}", soft_wrap=True)
 
 
@@ -84,6 +82,21 @@ def label_poses(
         return labelled(
             robot, test_set, "test", config.poses, config.workers, lambda done: progress.update(task, completed=done)
         )
+
+
+def check_labels(
+    robot: "RobotDescription", test_set: str, labelled: "LabelledPoses", config: VerifyMapsConfig, console: "Console"
+) -> None:
+    """Store what a test set consists of and how far its labels can be trusted, unless that is stored."""
+    import pandas as pd
+
+    file, key = Path(config.output_dir) / "verify_labels.parquet", ["robot", "test_set"]
+    about = {"robot": robot.name, "test_set": test_set, "n": len(labelled), "robot_fingerprint": robot.fingerprint}
+    about["checked"] = min(config.checked, len(labelled))
+    if file.exists() and (pd.read_parquet(file)[list(about)] == pd.Series(about)).all(axis=1).any():
+        return
+    with console.status(f"Checking the labels of {robot.name}, {test_set}"):
+        store(file, [labels_row(robot, test_set, labelled, config)], key)
 
 
 def labels_row(
@@ -118,6 +131,53 @@ def verify(
             truth = getattr(labelled, labels)[kept]
             rows.append({**about, "test_set": test_set, "labels": labels, **scores(predicted[kept], truth)})
     return rows
+
+
+def threshold_curve(
+    robot: "RobotDescription", verified: VerifiedMap, poses: "dict[str, LabelledPoses]"
+) -> list[dict[str, object]]:
+    """Accuracy, TPR and FPR on strict labels for thresholds from 0 to 1, a row for each and each test set."""
+    import numpy as np
+
+    about = {"robot": robot.name, "map": verified.name, "cell_size": verified.cell_size, "labels": "strict"}
+    rows = []
+    for test_set, labelled in poses.items():
+        score = verified.score(labelled.positions, labelled.rotations)
+        for threshold in np.linspace(0.01, 0.99, 99).round(2):
+            rates = scores(score >= threshold, labelled.strict)
+            kept = {name: rates[name] for name in ("n", *RATES)}
+            rows.append({**about, "test_set": test_set, "threshold": threshold, **kept})
+    return rows
+
+
+def draw_curves(curves: "pd.DataFrame", table: "pd.DataFrame", output_dir: Path) -> None:
+    """Accuracy against FPR, strict labels: a line for each map with a threshold, a point for each other answer."""
+    import matplotlib.pyplot as plt
+
+    robots = list(curves.robot.unique())
+    figure, axes = plt.subplots(
+        2, len(robots), figsize=(3.4 * len(robots), 6), layout="constrained", squeeze=False, sharex=True, sharey=True
+    )
+    for column, robot in enumerate(robots):
+        for axis, test_set in zip(axes[:, column], ("hard", "paper"), strict=True):
+            own = (curves.robot == robot) & (curves.test_set == test_set) & (curves["map"] == "fraction")
+            for size, line in curves[own].groupby("cell_size"):
+                axis.plot(100 * line.fpr, 100 * line.accuracy, label=f"fraction map, {size:g} m")
+            points = table[(table.robot == robot) & (table.test_set == test_set) & (table.labels == "strict")]
+            for _, point in points.iterrows():
+                label = f"{point['map']}, {point.cell_size:g} m"
+                filled = point["map"].startswith("fraction")
+                label = None if filled else label
+                axis.plot(100 * point.fpr, 100 * point.accuracy, "k." if filled else "x", label=label)
+            axis.set(title=f"{robot}, {test_set} set", xlabel="FPR [%]", ylabel="Accuracy [%]", xlim=(0, 30))
+            axis.set_ylim(85, 100)
+            axis.grid(alpha=0.3)
+            axis.legend(fontsize=6)
+    for ending in ("svg", "png"):
+        file = output_dir / "figures" / f"verify_curves.{ending}"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(file, dpi=150)
+    plt.close(figure)
 
 
 def half_and_half(labelled: "LabelledPoses", labels: str) -> "np.ndarray":
@@ -165,35 +225,6 @@ def query_times(verified: VerifiedMap, labelled: "LabelledPoses") -> dict[str, f
             seconds.append(time.perf_counter() - start)
         times[f"query_{batch:.0e}_s".replace("+0", "")] = min(seconds) / batch
     return times
-
-
-def metrics_over_construction(snapshots: Iterable[VerifiedMap], labelled: "LabelledPoses") -> "pd.DataFrame":
-    """The paper's figure as a table: a row of scores on strict labels for each snapshot of a map under construction."""
-    import pandas as pd
-
-    rotations, rows = labelled.rotations, []
-    for snapshot in snapshots:
-        predicted = snapshot.reachable(labelled.positions, rotations)
-        row = {"inserted": snapshot.inserted, "insertion_rate": snapshot.insertion_rate}
-        rows.append({**row, **scores(predicted, labelled.strict)})
-    return pd.DataFrame(rows)
-
-
-def draw_metrics(curves: "dict[str, pd.DataFrame]", path: Path) -> None:
-    """Accuracy, TPR, FPR and insertion rate against inserted poses, one line per map."""
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(1, 4, figsize=(14, 3.2), layout="constrained")
-    names = {"accuracy": "Accuracy", "tpr": "TPR", "fpr": "FPR", "insertion_rate": "Insertion rate"}
-    for axis, (column, title) in zip(axes, names.items(), strict=True):
-        for label, curve in curves.items():
-            axis.plot(curve["inserted"] / 1e6, curve[column], label=label)
-        axis.set(title=title, xlabel="Inserted, in millions")
-        axis.grid(alpha=0.3)
-    axes[-1].set_yscale("log")
-    axes[0].legend()
-    figure.savefig(path)
-    plt.close(figure)
 
 
 def store(file: Path, rows: list[dict[str, object]], key: list[str]) -> "pd.DataFrame":

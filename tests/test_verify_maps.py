@@ -3,10 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from rich.console import Console
 
 from benchmark import verify_maps
+from benchmark.config import VerifyMapsConfig
 from benchmark.labels import LABELS, LabelledPoses
-from benchmark.verify_maps import VerifiedMap, half_and_half, metrics_over_construction, report, scores, store, verify
+from benchmark.map_growth import draw, growth
+from benchmark.verify_maps import VerifiedMap, half_and_half, report, scores, store, verify
 from richmap.robots import load_robot
 
 
@@ -74,14 +77,32 @@ def test_the_report_puts_our_figures_beside_the_papers(tmp_path):
     assert "11.3 / 11.2" in text and ".037" in text and "164.1 / –" in text
 
 
-def test_metrics_follow_a_map_under_construction():
-    poses = labelled()
-    growing = (a_map(inserted=i, reachable=lambda p, r, i=i: p[:, 0] < i / 4) for i in (1, 2, 3))
-    curve = metrics_over_construction(growing, poses)
-    assert curve.inserted.tolist() == [1, 2, 3] and (curve.tpr.diff().dropna() > 0).all()
+def test_scores_follow_a_map_under_construction(tmp_path):
+    growing = [a_map(inserted=i, reachable=lambda p, r, i=i: p[:, 0] < i / 4) for i in (1, 2, 3)]
+    table = pd.DataFrame([{"robot": "panda", **row} for row in growth(growing, {"paper": labelled()})])
+    strict = table[table.labels == "strict"]
+    assert strict.inserted.tolist() == [1, 2, 3] and (strict.tpr.diff().dropna() > 0).all()
+    draw(table, tmp_path)
+    assert (tmp_path / "map_growth.png").stat().st_size > 1000
 
 
-def test_the_figure_is_drawn(tmp_path):
-    curve = metrics_over_construction([a_map(inserted=i) for i in (1, 2)], labelled())
-    verify_maps.draw_metrics({"panda": curve}, tmp_path / "metrics.png")
-    assert (tmp_path / "metrics.png").stat().st_size > 1000
+def test_a_lower_threshold_never_makes_fewer_hits_and_the_curve_passes_through_the_map(tmp_path):
+    poses, score = labelled(), lambda p, r: p[:, 0]
+    half = a_map("fraction", lambda p, r: p[:, 0] >= 0.5, score=score)
+    curve = pd.DataFrame(verify_maps.threshold_curve(load_robot("panda"), half, {"hard": poses, "paper": poses}))
+    hard = curve[curve.test_set == "hard"]
+    assert (hard.tpr.diff().dropna() <= 0).all() and (hard.fpr.diff().dropna() <= 0).all()
+    at_half = hard[hard.threshold == 0.5].iloc[0]
+    assert at_half.accuracy == scores(half.reachable(poses.positions, None), poses.strict)["accuracy"]
+    rows = [{"robot": "panda", "map": "fraction", "cell_size": 0.05, "test_set": "hard", "labels": "strict"}]
+    verify_maps.draw_curves(curve, pd.DataFrame([{**rows[0], "fpr": 0.1, "accuracy": 0.9}]), tmp_path)
+    assert (tmp_path / "figures" / "verify_curves.png").stat().st_size > 1000
+
+
+def test_labels_are_checked_once(tmp_path, monkeypatch):
+    calls = []
+    monkeypatch.setattr("benchmark.label_errors.label_errors", lambda *a: calls.append(a) or {"checked": 100})
+    config = VerifyMapsConfig(checked=100, output_dir=str(tmp_path))
+    for poses in (labelled(), labelled(), labelled(n=500)):
+        verify_maps.check_labels(load_robot("panda"), "hard", poses, config, Console())
+    assert len(calls) == 2

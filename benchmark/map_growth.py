@@ -1,0 +1,102 @@
+"""A map of directions scored while it is built: the paper's figure of metrics against inserted poses.
+
+python -m benchmark.map_growth robot=panda
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from benchmark.command import run_command
+from benchmark.config import MapGrowthConfig
+from benchmark.verified_maps import VerifiedMap
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.console import Console
+
+    from benchmark.labels import LabelledPoses
+    from richmap.robot import RobotDescription
+
+LABELS = ("strict", "loose")
+
+
+def main(config: MapGrowthConfig) -> None:
+    """Build in steps, score each, and write table and figure."""
+    from rich.console import Console
+
+    from benchmark.labels import TEST_SETS
+    from benchmark.verify_maps import label_poses, store
+
+    console, output_dir = Console(), Path(config.output_dir)
+    robot = config.robot.load()
+    poses = {test_set: label_poses(robot, test_set, config, console) for test_set in TEST_SETS}
+    rows = [{"robot": robot.name, **row} for row in growth(snapshots(robot, config, console), poses)]
+    key = ["robot", "cell_size", "test_set", "labels", "inserted"]
+    table = store(output_dir / "map_growth.parquet", rows, key)
+    draw(table, output_dir / "figures")
+    console.print(f"Table: {output_dir / 'map_growth.parquet'}; figure: {output_dir / 'figures'}", soft_wrap=True)
+
+
+def snapshots(robot: "RobotDescription", config: MapGrowthConfig, console: "Console") -> Iterator[VerifiedMap]:
+    """The map at each target, and when it brings less than the stop rate; one build that goes on."""
+    from benchmark.build_maps import MapProgress
+    from benchmark.poses import paper_z_offset
+    from benchmark.verified_maps import map_of_directions
+    from richmap.construction import build_map
+    from richmap.grid import Grid
+    from richmap.reachability_map import Construction
+
+    m = config.map
+    grid = Grid.around_base(m.cell_size, m.half_width, paper_z_offset(robot))
+    settings = m.theta, m.seed, m.draw, m.turns, m.stop_rate, m.target, m.device
+    asked = Construction(robot.name, robot.fingerprint, *settings)
+    with TemporaryDirectory() as folder:
+        for target in [*(round(1e6 * millions) for millions in config.millions), 0]:
+            aim = replace(config.map, target=target)
+            with MapProgress(robot.name, aim, console) as progress:
+                aimed = replace(asked, target=target)
+                built = build_map(robot, grid, aimed, Path(folder), config.workers, progress.report)
+            yield map_of_directions(built, progress.seconds)
+            if built.construction.batch_rate < m.stop_rate:
+                return
+
+
+def growth(built: Iterable[VerifiedMap], poses: "dict[str, LabelledPoses]") -> Iterator[dict[str, object]]:
+    """A row of scores for each snapshot of a map under construction, each test set and each kind of label."""
+    from benchmark.verify_maps import half_and_half, scores
+
+    for snapshot in built:
+        about = {name: getattr(snapshot, name) for name in ("cell_size", "inserted", "insertion_rate", "build_s")}
+        for test_set, labelled in poses.items():
+            predicted = snapshot.reachable(labelled.positions, labelled.rotations)
+            for labels in LABELS:
+                kept = half_and_half(labelled, labels)
+                rates = scores(predicted[kept], getattr(labelled, labels)[kept])
+                yield {**about, "test_set": test_set, "labels": labels, **rates}
+
+
+def draw(table: "pd.DataFrame", folder: Path) -> None:
+    """Accuracy, TPR, FPR and insertion rate against inserted poses on the paper's test set, a line per robot."""
+    import matplotlib.pyplot as plt
+
+    columns = {"accuracy": "Accuracy", "tpr": "TPR", "fpr": "FPR", "insertion_rate": "Insertion rate so far"}
+    figure, axes = plt.subplots(len(LABELS), 4, figsize=(14, 6), layout="constrained")
+    for row, labels in zip(axes, LABELS, strict=True):
+        for axis, (column, title) in zip(row, columns.items(), strict=True):
+            chosen = table[(table.test_set == "paper") & (table.labels == labels)]
+            for robot, line in chosen.sort_values("inserted").groupby("robot"):
+                axis.plot(line.inserted / 1e6, line[column], marker=".", label=robot)
+            axis.set(title=f"{title}, {labels} labels", xlabel="Inserted, in millions")
+            axis.grid(alpha=0.3)
+    axes[0, 0].legend()
+    folder.mkdir(parents=True, exist_ok=True)
+    for ending in ("svg", "png"):
+        figure.savefig(folder / f"map_growth.{ending}", dpi=150)
+    plt.close(figure)
+
+
+if __name__ == "__main__":
+    run_command(main, MapGrowthConfig, "map_growth")
