@@ -1,0 +1,142 @@
+"""Where the tool can be held upright agrees with closed forms, moves with the base, and says what binds."""
+
+import functools
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from envs.arms import HEIGHT, arm_setting, make_kinematics, start_posture
+from envs.feasibility import Feasibility, table_feasibility
+from envs.inverse_kinematics import MAX_TURN
+from envs.scene import START
+from richmap.closed_form import branches
+from richmap.collision import self_collision
+from richmap.robots import load_robot
+
+RINGS = {
+    ("ur3", "out"): (0.225, 0.554),
+    ("ur3", "in"): (0.155, 0.387),
+    ("ur5", "out"): (0.235, 0.915),
+    ("ur5", "in"): (0.15, 0.727),
+    ("ur10", "out"): (0.305, 1.31),
+    ("ur10", "in"): (0.215, 1.08),
+}
+"""Distances from the base axis, in [m], between which an arm holds its tool upright without self-collision; a box that
+starts at x = .15 m does not show what is nearer."""
+
+
+@functools.cache
+def usual_table(robot, wrist):
+    return table_feasibility(arm_setting(robot, wrist=wrist), spacing=0.04)
+
+
+def radii(table):
+    points = np.stack(np.meshgrid(table.x, table.y, indexing="ij"), -1)
+    return np.linalg.norm(points - np.array(table.setting.base[:2]), axis=-1)
+
+
+def closed_form_feasible(setting, table):
+    """Free solutions with the elbow up, the arm turned to the point and the wrist as the setting wants it."""
+    robot, kinematics = load_robot(setting.robot), make_kinematics(setting)
+    points = np.stack(np.meshgrid(table.x, table.y, indexing="ij"), -1).reshape(-1, 2) - np.array(setting.base[:2])
+    tool_down = np.tile(np.diag([-1.0, 1.0, -1.0]), (len(points), 1, 1))
+    joints, found = branches(robot, np.column_stack([points, np.full(len(points), HEIGHT)]), tool_down)
+    of, branch = np.nonzero(found)
+    joints = (joints[of, branch] + np.pi) % (2 * np.pi) - np.pi
+    ahead = np.cos(joints[:, 0] - np.arctan2(*points[of, ::-1].T)) > 0
+    up = joints[:, 2] > 0
+    wrist = np.array([kinematics.wrist(q) == setting.wrist for q in joints])
+    feasible = np.zeros(len(points), dtype=bool)
+    feasible[of[ahead & up & wrist & ~self_collision(robot)(joints)]] = True
+    return feasible.reshape(table.cause.shape)
+
+
+@pytest.mark.parametrize("branch", RINGS)
+def test_it_agrees_with_the_closed_form_solutions(branch):
+    table = usual_table(*branch)
+    different = table.feasible != closed_form_feasible(table.setting, table)
+    to_edge = np.abs(radii(table)[..., None] - RINGS[branch]).min(-1)
+    assert (to_edge[different] < 0.006).all()
+
+
+@pytest.mark.parametrize("branch", RINGS)
+def test_an_arm_that_turns_freely_reaches_a_ring(branch):
+    table, (inner, outer) = usual_table(*branch), RINGS[branch]
+    radius = radii(table)
+    assert table.feasible[(radius > inner + 0.006) & (radius < outer - 0.004)].all()
+    assert not table.feasible[(radius < inner - 0.006) | (radius > outer + 0.004)].any()
+
+
+def test_the_cause_is_what_binds():
+    ur3, turned, ur10 = usual_table("ur3", "out"), usual_table("ur3", "in"), usual_table("ur10", "out")
+    assert set(ur3.cause[radii(ur3) > 0.56]) == {Feasibility.OUT_OF_REACH}
+    inner = (radii(ur10) > 0.23) & (radii(ur10) < 0.30)
+    assert set(ur10.cause[inner]) == {Feasibility.SELF_COLLISION}
+    assert set(turned.cause[(radii(turned) > 0.40) & (radii(turned) < 0.55)]) == {Feasibility.WRONG_BRANCH}
+
+
+def test_where_nothing_binds_nothing_but_reach_and_branch_is_a_cause():
+    table = table_feasibility(arm_setting("ur10", "original"), spacing=0.04)
+    assert set(np.unique(table.cause)) <= {Feasibility.FEASIBLE, Feasibility.OUT_OF_REACH, Feasibility.WRONG_BRANCH}
+    assert table.feasible.sum() > usual_table("ur10", "out").feasible.sum()
+
+
+def test_joint_limits_are_told_from_reach(monkeypatch):
+    """An elbow that bends no further than a right angle keeps the arm from what is near."""
+    robot = load_robot("ur3")
+    upper = np.where(np.arange(6) == 2, np.pi / 2, robot.upper)
+    monkeypatch.setattr("envs.feasibility.load_robot", lambda name: SimpleNamespace(lower=robot.lower, upper=upper))
+    table = table_feasibility(arm_setting("ur3", self_collision=False), spacing=0.05)
+    near = (radii(table) > 0.24) & (radii(table) < 0.30)
+    assert set(table.cause[near]) == {Feasibility.JOINT_LIMIT}
+    assert table.feasible[(radii(table) > 0.5) & (radii(table) < 0.55)].all()
+
+
+def test_moving_base_and_box_together_changes_nothing():
+    shift = np.array([0.03, -0.05])
+    box = np.array([[0.15, -0.4], [0.65, 0.4]])
+    here = table_feasibility(arm_setting("ur3"), 0.05, box)
+    there = table_feasibility(arm_setting("ur3", base=(*shift, 0.0)), 0.05, box + shift)
+    assert np.array_equal(here.cause, there.cause)
+
+
+def test_an_arm_that_goes_there_in_short_steps_arrives_where_it_is_feasible_and_only_there():
+    setting = arm_setting("ur3", base=(0.05, 0.0, 0.0))
+    table = table_feasibility(setting, spacing=0.05)
+    kinematics = make_kinematics(setting)
+    rng = np.random.default_rng(0)
+    start = start_posture(kinematics, setting)
+    for i, j in rng.integers(0, table.cause.shape, (12, 2)):
+        goal, joints = np.array([table.x[i], table.y[j]]), start
+        way = np.linspace(START, (0.3, 0.0), 41)[1:], np.linspace((0.3, 0.0), goal, 41)[1:]
+        for point in np.concatenate(way):
+            posture = kinematics.solve(np.array([*point, HEIGHT]), joints, max_turn=MAX_TURN)
+            joints = posture.joints
+        for _ in range(20):
+            posture = kinematics.solve(np.array([*goal, HEIGHT]), posture.joints, max_turn=MAX_TURN)
+        if table.cause[i, j] in (Feasibility.FEASIBLE, Feasibility.SELF_COLLISION):
+            assert posture.residual < 1e-3
+        else:
+            assert posture.residual > 1e-3
+
+
+def test_clearance_is_the_distance_to_the_edge():
+    table = usual_table("ur3", "out")
+    radius = np.linspace(0.4, 0.7, 31)
+    points = radius[:, None] * np.array([np.cos(0.5), np.sin(0.5)])
+    assert table.clearance(points) == pytest.approx(0.554 - radius, abs=0.03)
+    assert table.clearance(np.array([[9.0, 9.0]])) < 0
+
+
+def test_where_all_or_nothing_is_feasible_no_edge_is_near():
+    table = table_feasibility(arm_setting("ur5", "original"), spacing=0.1)
+    assert table.feasible.all() and (table.clearance(np.array([[0.4, 0.0]])) > 0.5).all()
+    nothing = replace(table, cause=np.full_like(table.cause, Feasibility.OUT_OF_REACH))
+    assert (nothing.clearance(np.array([[0.4, 0.0]])) < -0.5).all()
+
+
+def test_a_spacing_that_is_none_is_refused():
+    with pytest.raises(ValueError, match="spacing must be above 0 and at most 0.55 m.*Got 0"):
+        table_feasibility(arm_setting("ur3"), spacing=0.0)
