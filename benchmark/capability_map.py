@@ -5,6 +5,7 @@ python -m benchmark.capability_map robot=panda
 
 from dataclasses import asdict
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING
 
 from benchmark.command import run_command
@@ -28,8 +29,10 @@ def main(config: CapabilityMapConfig) -> None:
     capability_map(config.robot.load(), config, Console())
 
 
-def capability_map(description: "RobotDescription", config: CapabilityMapConfig, console: "Console") -> "CapabilityMap":
-    """The capability map of a robot, built if it is not in the cache."""
+def capability_map(
+    description: "RobotDescription", config: CapabilityMapConfig, console: "Console"
+) -> tuple["CapabilityMap", Path]:
+    """The capability map of a robot, built if it is not in the cache, and its file; the time is kept beside it."""
     import platformdirs
 
     from benchmark.cache import cached, fingerprint
@@ -57,13 +60,16 @@ def capability_map(description: "RobotDescription", config: CapabilityMapConfig,
     ]  # fmt: skip
     key = fingerprint({"grid": asdict(cells), "construction": asdict(asked)}, code)
     file = f"capability_maps/{name}-{key[:16]}.safetensors"
-    unfinished = Path(platformdirs.user_cache_dir("richmap"), file).with_suffix(".unfinished")
+    whole = Path(platformdirs.user_cache_dir("richmap"), file)
 
     def build() -> capability_map.CapabilityMap:
         with CapabilityBar(name, config.stop_rate, target, console) as bar:
-            return capability_construction.build_capability_map(
+            begin, unfinished = perf_counter(), whole.with_suffix(".unfinished")
+            made = capability_construction.build_capability_map(
                 description, cells, asked, config.workers, bar.report, unfinished
             )
+        whole.with_suffix(".seconds").write_text(f"{perf_counter() - begin:.1f}")
+        return made
 
     built, path = cached(file, lambda path: capability_map.CapabilityMap.load(path, description), build)
     reached = built.construction
@@ -73,7 +79,7 @@ def capability_map(description: "RobotDescription", config: CapabilityMapConfig,
         f"M poses, {100 * reached.batch_rate:.2f} % of the last draw; {built.bytes_memory / 1e6:.0f} MB. {path}",
         soft_wrap=True,
     )
-    return built
+    return built, path
 
 
 class CapabilityBar:

@@ -71,7 +71,7 @@ def map_of_directions(built: "ReachabilityMap", build_s: float) -> VerifiedMap:
     """A map of directions that is asked for approach directions alone."""
     return VerifiedMap(
         name="richmap",
-        reachable=lambda positions, rotations: built.reachable(positions, rotations[:, :, 2]),
+        reachable=_by_direction(built.reachable),
         cell_size=built.grid.cell_size,
         inserted=built.inserted,
         occupancy=built.occupancy,
@@ -95,8 +95,8 @@ def fraction_map(robot: "RobotDescription", config: VerifyMapsConfig, console: "
     )
     poses = labelled(robot, "hard", "validation", config.poses // 4, config.workers)
     for name, negatives in (("fraction", 1.0), ("fraction_low_fpr", FALSE_WEIGHT)):
-        cut = built.with_threshold_from(poses.positions, poses.rotations, poses.strict, negatives)
-        yield replace(_four_dimensional(name, cut, path, cut.reachable), score=cut.score)
+        cut = built.with_threshold_from(poses.positions, poses.rotations[:, :, 2], poses.strict, negatives)
+        yield replace(_four_dimensional(name, cut, path), score=_by_direction(cut.score))
 
 
 def rm4d(robot: "RobotDescription", config: VerifyMapsConfig, console: "Console") -> Iterator[VerifiedMap]:
@@ -106,7 +106,7 @@ def rm4d(robot: "RobotDescription", config: VerifyMapsConfig, console: "Console"
     asked = rm4d.RM4DConstruction(robot.name, robot.fingerprint, seed=0)
     code = [rm4d, free_samples, turned_cells]
     built, path = _built("rm4d", robot, asked, rm4d.RM4D, _build_rm4d, code, config.workers, console)
-    yield _four_dimensional("rm4d", built, path, built.reachable)
+    yield _four_dimensional("rm4d", built, path)
 
 
 def capability_map(robot: "RobotDescription", config: VerifyMapsConfig, console: "Console") -> Iterator[VerifiedMap]:
@@ -115,7 +115,7 @@ def capability_map(robot: "RobotDescription", config: VerifyMapsConfig, console:
     from benchmark.poses import paper_z_offset
 
     settings = CapabilityMapConfig(config.robot, z_offset=paper_z_offset(robot), workers=config.workers)
-    built = capability_map(robot, settings, console)
+    built, path = capability_map(robot, settings, console)
     yield VerifiedMap(
         name="capability_map",
         reachable=built.reachable,
@@ -123,7 +123,7 @@ def capability_map(robot: "RobotDescription", config: VerifyMapsConfig, console:
         inserted=built.inserted,
         occupancy=built.occupancy,
         insertion_rate=built.insertion_rate,
-        build_s=math.nan,
+        build_s=float(path.with_suffix(".seconds").read_text()),
         bytes_memory=built.bytes_memory,
         bytes_disk=built.bytes_memory,  # the arrays as they are, and some kilobytes of header
         cells=built.grid.n_cells,
@@ -139,11 +139,16 @@ MAPS: dict[str, Callable[["RobotDescription", VerifyMapsConfig, "Console"], Iter
 """What is verified. Thresholds are chosen on the validation split alone."""
 
 
-def _four_dimensional(name: str, built, path: Path, reachable) -> VerifiedMap:
+def _by_direction(answer: "Callable") -> "Callable[[np.ndarray, np.ndarray], np.ndarray]":
+    """Answers for whole poses of a map that is asked for approach directions."""
+    return lambda positions, rotations: answer(positions, rotations[:, :, 2])
+
+
+def _four_dimensional(name: str, built, path: Path) -> VerifiedMap:
     """A map whose cells are not the workspace's: it has no occupancy of them."""
     return VerifiedMap(
         name=name,
-        reachable=reachable,
+        reachable=_by_direction(built.reachable),
         cell_size=built.construction.cell_size,
         inserted=built.inserted,
         occupancy=math.nan,

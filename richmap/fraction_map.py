@@ -78,28 +78,28 @@ class FractionMap:
         return self.row.nbytes + self.hits.nbytes
 
     def score(
-        self, positions: Float[np.ndarray, "n 3"], rotations: Float[np.ndarray, "n 3 3"]
+        self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
     ) -> Float[np.ndarray, " n"]:
         """Interpolated share that is reachable about each pose, 0 to 1; 0 outside.
 
         Args:
             positions: Flange positions in the base frame, in [m].
-            rotations: Flange orientations in the base frame; columns are the flange's axes.
+            directions: Unit approach directions in the base frame.
         """
         scores = np.empty(len(positions), dtype=np.float32)
-        _interpolate(positions, rotations, *self.cells.for_kernels(), self.row, self.hits, scores)
+        _interpolate(positions, directions, *self.cells.for_kernels(), self.row, self.hits, scores)
         return scores
 
     def reachable(
-        self, positions: Float[np.ndarray, "n 3"], rotations: Float[np.ndarray, "n 3 3"]
+        self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
     ) -> Bool[np.ndarray, " n"]:
         """Whether the score of each pose is the threshold or more; arguments as for `score`."""
-        return self.score(positions, rotations) >= self.threshold
+        return self.score(positions, directions) >= self.threshold
 
     def with_threshold_from(
         self,
         positions: Float[np.ndarray, "n 3"],
-        rotations: Float[np.ndarray, "n 3 3"],
+        directions: Float[np.ndarray, "n 3"],
         reachable: Bool[np.ndarray, " n"],
         negatives: float = 1.0,
     ) -> "FractionMap":
@@ -107,11 +107,11 @@ class FractionMap:
 
         Args:
             positions: Flange positions in the base frame, in [m].
-            rotations: Flange orientations in the base frame.
+            directions: Unit approach directions in the base frame.
             reachable: Their labels.
             negatives: Weight of an unreachable pose that is taken for reachable, against one the other way round.
         """
-        score = self.score(positions, rotations)
+        score = self.score(positions, directions)
         order = np.argsort(score)
         missed = np.concatenate([[0], np.cumsum(reachable[order])])  # below the threshold, though reachable
         passed = (~reachable).sum() - np.concatenate([[0], np.cumsum(~reachable[order])])
@@ -291,9 +291,9 @@ def _poses(
 
 @numba.njit(cache=True, nogil=True, fastmath=True)
 @no_type_check
-def _interpolate(positions, rotations, radius, bottom, per_metre, shape, row, hits, scores):
+def _interpolate(positions, directions, radius, bottom, per_metre, shape, row, hits, scores):
     for i in range(len(positions)):
-        x, y, z, beta = turned(positions[i], rotations[i], radius, bottom, per_metre, shape)
+        x, y, z, beta = turned(positions[i], directions[i], radius, bottom, per_metre, shape)
         scores[i] = 0
         if not (0 <= x < shape[0] and 0 <= y < shape[1] and 0 <= z < shape[2]):
             continue

@@ -35,7 +35,8 @@ def free_samples(
 
     Samples are a Kronecker sequence over the joint limits with a random shift, which leaves fewer cells out than as
     many random ones (Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018). Only samples in cells
-    that have none yet are checked: the cells that are hit are those that checking all samples would give.
+    that have none yet are checked, `COLLISIONS` of a cell at most: but for the cells that are then given up, those that
+    are hit are those that checking all samples would give.
 
     Args:
         robot: The arm.
@@ -118,7 +119,7 @@ def _scan(frames, lower, upper, step, shift, first, count, radius, bottom, per_m
     for number in range(first, first + count):
         _sample(number, lower, upper, step, shift, q)
         forward(frames, q, p, r)
-        cell = cell_of(p, r, radius, bottom, per_metre, shape)
+        cell = cell_of(p, r[:, 2], radius, bottom, per_metre, shape)
         if cell >= 0 and not done[cell]:
             found[0, n], found[1, n] = cell, number
             n += 1

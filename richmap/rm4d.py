@@ -53,23 +53,23 @@ class RM4D:
         return self.hit.nbytes
 
     def reachable(
-        self, positions: Float[np.ndarray, "n 3"], rotations: Float[np.ndarray, "n 3 3"]
+        self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
     ) -> Bool[np.ndarray, " n"]:
         """Whether the cell of each pose is marked; outside the cells never.
 
         Args:
             positions: Flange positions in the base frame, in [m].
-            rotations: Flange orientations in the base frame; columns are the flange's axes.
+            directions: Unit approach directions in the base frame.
         """
         reachable = np.empty(len(positions), dtype=bool)
-        _look_up(positions, rotations, *self.cells.for_kernels(), self.hit.reshape(-1), reachable)
+        _look_up(positions, directions, *self.cells.for_kernels(), self.hit.reshape(-1), reachable)
         return reachable
 
     def score(
-        self, positions: Float[np.ndarray, "n 3"], rotations: Float[np.ndarray, "n 3 3"]
+        self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
     ) -> Float[np.ndarray, " n"]:
         """1 where the cell of a pose is marked, else 0; arguments as for `reachable`."""
-        return self.reachable(positions, rotations).astype(np.float32)
+        return self.reachable(positions, directions).astype(np.float32)
 
     def save(self, path: Path) -> None:
         """Write the map as one safetensors file, atomically."""
@@ -126,7 +126,7 @@ def build_rm4d(
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def _look_up(positions, rotations, radius, bottom, per_metre, shape, hit, reachable):
+def _look_up(positions, directions, radius, bottom, per_metre, shape, hit, reachable):
     for i in range(len(positions)):
-        cell = cell_of(positions[i], rotations[i], radius, bottom, per_metre, shape)
+        cell = cell_of(positions[i], directions[i], radius, bottom, per_metre, shape)
         reachable[i] = cell >= 0 and hit[cell]

@@ -89,11 +89,11 @@ class TurnedCells:
         return np.array([self.cell_size, self.cell_size, self.cell_size, np.pi / self.shape[3]])
 
     def cells_of(
-        self, positions: Float[np.ndarray, "n 3"], rotations: Float[np.ndarray, "n 3 3"]
+        self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
     ) -> Int[np.ndarray, " n"]:
-        """Flat index of the cell of each flange pose in the base frame, positions in [m]; -1 outside."""
+        """Flat index of the cell of each position, in [m], and approach direction in the base frame; -1 outside."""
         cells = np.empty(len(positions), dtype=np.int64)
-        _cells_of(positions, rotations, *self.for_kernels(), cells)
+        _cells_of(positions, directions, *self.for_kernels(), cells)
         return cells
 
     def points(self, cells: Int[np.ndarray, " n"], within: Float[np.ndarray, " 4"]) -> Float[np.ndarray, "n 4"]:
@@ -118,21 +118,21 @@ class TurnedCells:
 
 @numba.njit(cache=True, nogil=True, inline="always")
 @no_type_check
-def turned(p, r, radius, bottom, per_metre, shape):
-    """Coordinates of a flange pose, counted in cells from the first cell's lower corner."""
-    ax, ay = r[0, 2], r[1, 2]
+def turned(p, d, radius, bottom, per_metre, shape):
+    """Coordinates of a position and an approach direction, counted in cells from the first cell's lower corner."""
+    ax, ay = d[0], d[1]
     across = np.sqrt(ax * ax + ay * ay)
     c, s = (ax / across, ay / across) if across > 0 else (1.0, 0.0)
     x, y = c * p[0] + s * p[1], c * p[1] - s * p[0]
-    beta = np.arctan2(across, r[2, 2]) * (shape[3] / np.pi)
+    beta = np.arctan2(across, d[2]) * (shape[3] / np.pi)
     return (x + radius) * per_metre, (y + radius) * per_metre, (p[2] - bottom) * per_metre, beta
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
 @no_type_check
-def cell_of(p, r, radius, bottom, per_metre, shape):
-    """Flat index of a flange pose's cell; -1 outside."""
-    x, y, z, beta = turned(p, r, radius, bottom, per_metre, shape)
+def cell_of(p, d, radius, bottom, per_metre, shape):
+    """Flat index of the cell of a position and an approach direction; -1 outside."""
+    x, y, z, beta = turned(p, d, radius, bottom, per_metre, shape)
     if not (0 <= x < shape[0] and 0 <= y < shape[1] and 0 <= z < shape[2]):
         return -1
     return ((int(x) * shape[1] + int(y)) * shape[2] + int(z)) * shape[3] + min(int(beta), shape[3] - 1)
@@ -140,6 +140,6 @@ def cell_of(p, r, radius, bottom, per_metre, shape):
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def _cells_of(positions, rotations, radius, bottom, per_metre, shape, cells):
+def _cells_of(positions, directions, radius, bottom, per_metre, shape, cells):
     for i in range(len(positions)):
-        cells[i] = cell_of(positions[i], rotations[i], radius, bottom, per_metre, shape)
+        cells[i] = cell_of(positions[i], directions[i], radius, bottom, per_metre, shape)
