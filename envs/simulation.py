@@ -145,7 +145,9 @@ class BlockPushSimulation(ManipulationEnv):
     def step(self, action: Float[np.ndarray, " dof"]) -> tuple[OrderedDict, float, bool, dict]:
         """Move the servos' set points evenly to these joint angles, in one control step. Observation and
         reward are made by `BlockPushEnv`."""
-        self.robots[0].control(action, policy_step=True)
+        robot = self.robots[0]
+        robot.composite_controller.set_goal(action)
+        robot.control(action)  # Not as a policy step, after which robosuite would update records that nothing reads.
         mujoco.mj_step(self.mj_model, self.mj_data, round(1 / CONTROL_FREQUENCY / TIMESTEP))
         mujoco.mj_kinematics(self.mj_model, self.mj_data)
         if not np.isfinite(self.mj_data.qpos).all():
