@@ -165,6 +165,9 @@ class RunConfig:
     seed: int = 42
     """Training seed of the policy, a whole number >= 0; picks the checkpoint seed<seed>-1 that ships, or else the one
     that benchmark.train left in outputs/checkpoints."""
+    policy: str = ""
+    """Folder of a LeRobot checkpoint to run instead, of any type that needs no pictures; empty for the one that seed
+    picks. One that is not of type guided_push samples as it was saved (not by sampler), and only with lambda=0."""
     setting: str = "embodied"
     """What the arm may do: embodied (joint limits and self-collision bind, wrist branch per arm) or original (neither
     binds, wrist-out, as where only the arm is swapped in the original task)."""

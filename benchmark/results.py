@@ -43,8 +43,10 @@ class Condition:
     guidance_scale: float
     """The paper's lambda; column `lambda`."""
     sampler: str
+    """DDIM or DDPM; none if the policy does not diffuse."""
     sampling_steps: int
     training_seed: int
+    """-1 if the checkpoint does not say."""
     checkpoint: str
     checkpoint_hash: str
     """SHA-256 of the checkpoint's weights."""

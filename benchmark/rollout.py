@@ -17,11 +17,15 @@ import numpy as np
 
 import envs
 from benchmark.cache import package_versions
+from benchmark.checkpoint import GUIDED, Checkpoint
 from benchmark.results import Condition, Episode
 from envs.outcome import summarize
 from richmap.worker import start_worker
 
 if TYPE_CHECKING:
+    import torch
+
+    from benchmark.stock_policy import StockPolicy
     from policies.modeling_guided_push import GuidedPushPolicy
 
 ROOT = Path(__file__).parents[1]
@@ -56,6 +60,7 @@ def roll_out(rollout: Rollout, seeds: Iterable[int], workers: int) -> Iterator[l
 def code_version() -> str:
     """SHA-256, first 12 digits, over the code, collision geometry and packages that decide an episode."""
     digest = hashlib.sha256(Path(__file__).read_bytes())
+    digest.update(Path(__file__).with_name("stock_policy.py").read_bytes())
     digest.update(package_versions("mujoco", "robosuite", "numpy", "torch", "lerobot", "diffusers").encode())
     for package in ("richmap", "envs", "policies"):
         for file in sorted((ROOT / package).rglob("*")):
@@ -83,8 +88,6 @@ def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], No
     """
     import torch
 
-    from policies.noise import episode_noise
-
     shape = rollout.condition.batch_shape
     seed_of = {seed % shape: seed for seed in seeds}
     policy = _policy(rollout)
@@ -103,11 +106,9 @@ def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], No
         take(slot, *environments[slot].reset(seed=seed))
     active, step = sorted(seed_of), 0
     while active:
-        noise = episode_noise([seed_of.get(slot, 0) for slot in range(shape)], step, policy.noise_shape)
         batch = {"observation.state": state, "observation.environment_state": environment}
         batch = {key: torch.tensor(value, device=rollout.condition.device) for key, value in batch.items()}
-        with torch.inference_mode():
-            actions = policy.select_action(batch, noise=noise.to(rollout.condition.device)).cpu().numpy()
+        actions = _actions(policy, batch, [seed_of.get(slot, 0) for slot in range(shape)], step)
         over = set()
         for slot in active:
             observation, _, terminated, truncated, info = environments[slot].step(actions[slot])
@@ -118,12 +119,32 @@ def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], No
     return [Episode(rollout.condition, seed_of[s], s, summarize(infos[s])) for s in sorted(seed_of)]
 
 
+def _actions(
+    policy: "GuidedPushPolicy | StockPolicy", batch: "dict[str, torch.Tensor]", seeds: list[int], step: int
+) -> np.ndarray:
+    """Actions (rows, 2) in [m], with noise that is a function of the step and of the episode, or of its batch."""
+    import torch
+
+    from policies.modeling_guided_push import GuidedPushPolicy
+    from policies.noise import episode_noise
+
+    with torch.inference_mode():
+        if not isinstance(policy, GuidedPushPolicy):
+            return policy.select_action(batch, max(seeds) // len(seeds), step).numpy()
+        noise = episode_noise(seeds, step, policy.noise_shape)
+        return policy.select_action(batch, noise=noise.to(policy.config.device)).cpu().numpy()
+
+
 @lru_cache(maxsize=1)
-def _policy(rollout: Rollout) -> "GuidedPushPolicy":
+def _policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
     from lerobot.configs import PreTrainedConfig
 
     import policies.modeling_guided_push as modeling
 
+    if Checkpoint(rollout.checkpoint).type != GUIDED:
+        from benchmark.stock_policy import StockPolicy
+
+        return StockPolicy(rollout.checkpoint, rollout.condition.device)
     config = PreTrainedConfig.from_pretrained(rollout.checkpoint)
     config.device = rollout.condition.device
     config.guidance_scale = rollout.condition.guidance_scale

@@ -6,6 +6,7 @@ python -m benchmark.run robot=ur3 lambda=0.5
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from benchmark.checkpoint import GUIDED, Checkpoint
 from benchmark.command import SettingError, run_command
 from benchmark.config import RunConfig
 
@@ -21,7 +22,7 @@ CHECKPOINTS = [Path(__file__).parents[1] / "results" / "checkpoints", Path("outp
 
 def main(config: RunConfig) -> None:
     """Roll out at lambda and at 0 on the same episodes, store every episode, and print the comparison."""
-    checkpoint = checkpoint_folder(config.seed)
+    checkpoint = chosen_checkpoint(config)
     from rich.console import Console
 
     from benchmark.report import print_report
@@ -30,6 +31,23 @@ def main(config: RunConfig) -> None:
     rollouts = [make_rollout(config, scale, checkpoint, console) for scale in sorted({0.0, config.guidance_scale})]
     tables = [run_and_store(rollout, config, console) for rollout in rollouts]
     print_report(tables, Path(config.output_dir), console)
+
+
+def chosen_checkpoint(config: RunConfig) -> Path:
+    """Folder of the policy to roll out: the one named by its path, or else by its training seed.
+
+    Raises:
+        SettingError: If there is none, or it cannot be guided and should be.
+    """
+    if not config.policy:
+        return checkpoint_folder(config.seed)
+    checkpoint = Checkpoint.from_path(config.policy)
+    if checkpoint.type != GUIDED and config.guidance_scale > 0:
+        raise SettingError(
+            f"lambda={config.guidance_scale:g} needs a policy of type {GUIDED}, whose sampling can be guided. "
+            f"{config.policy} is of type {checkpoint.type}: use lambda=0."
+        )
+    return checkpoint.folder
 
 
 def checkpoint_folder(seed: int) -> Path:
@@ -53,7 +71,6 @@ def checkpoint_folder(seed: int) -> Path:
 
 def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Console") -> "Rollout":
     """What is rolled out at one lambda; builds the energy field if it is needed and not in the cache."""
-    import hashlib
     import math
 
     import torch
@@ -73,6 +90,8 @@ def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Co
     if scale > 0:
         robot = config.robot.load()
         field, field_path = energy_field(robot, arm.base, config.map, config.energy, config.workers, console)
+    source = Checkpoint(checkpoint)
+    sampler, steps = (config.sampler, config.sampling_steps) if source.type == GUIDED else source.sampler
     condition = Condition(
         robot=arm.robot,
         setting=arm.name,
@@ -83,11 +102,11 @@ def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Co
         orientation_weight=arm.orientation_weight,
         method="paper" if scale > 0 else "direct",
         guidance_scale=scale,
-        sampler=config.sampler,
-        sampling_steps=config.sampling_steps,
-        training_seed=config.seed,
-        checkpoint=checkpoint.name,
-        checkpoint_hash=hashlib.sha256((checkpoint / "model.safetensors").read_bytes()).hexdigest(),
+        sampler=sampler,
+        sampling_steps=steps,
+        training_seed=source.training_seed,
+        checkpoint=source.name,
+        checkpoint_hash=source.weights_hash,
         field_fingerprint=field.about["fingerprint"] if field else "",
         cell_size=config.map.cell_size if field else math.nan,
         batch_shape=config.slots,

@@ -20,6 +20,7 @@ BAD = {
     "setting=virtual": "Allowed: embodied, original",
     "device=tpu": "Allowed: cpu, cuda, auto",
     "seed=7": "Trained seeds: 42",
+    "policy=nowhere": "policy=nowhere is no LeRobot checkpoint: it lacks config.json and model.safetensors",
     "map.cel_size=1": "Did you mean 'map.cell_size'?",
     "robot": "not setting=value",
     "robot=[ur3": "not setting=value",

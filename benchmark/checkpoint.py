@@ -1,0 +1,69 @@
+"""What the files of a LeRobot checkpoint say about it, read without LeRobot."""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from benchmark.command import SettingError
+
+GUIDED = "guided_push"
+"""LeRobot's name of our type of policy."""
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A folder in which LeRobot saved a policy of any type."""
+
+    folder: Path
+
+    @classmethod
+    def from_path(cls, path: str) -> "Checkpoint":
+        """The checkpoint in a folder.
+
+        Raises:
+            SettingError: If there is none.
+        """
+        folder = Path(path)
+        missing = [name for name in ("config.json", "model.safetensors") if not (folder / name).is_file()]
+        if missing:
+            raise SettingError(
+                f"policy={path} is no LeRobot checkpoint: it lacks {' and '.join(missing)}. "
+                f"Give the folder that they are in, such as outputs/train/act/checkpoints/last/pretrained_model."
+            )
+        return cls(folder)
+
+    @property
+    def name(self) -> str:
+        """Name of its folder; for `<run>/checkpoints/<step>/pretrained_model` of `lerobot-train` it is <run>/<step>."""
+        parts = self.folder.resolve().parts
+        return f"{parts[-4]}/{parts[-2]}" if parts[-1] == "pretrained_model" else parts[-1]
+
+    @property
+    def type(self) -> str:
+        """LeRobot's name of its type of policy."""
+        return self._config["type"]
+
+    @property
+    def weights_hash(self) -> str:
+        """SHA-256 of the weights."""
+        return hashlib.sha256((self.folder / "model.safetensors").read_bytes()).hexdigest()
+
+    @property
+    def training_seed(self) -> int:
+        """What it was trained with; -1 if it does not say."""
+        file = self.folder / "train_config.json"
+        seed = json.loads(file.read_text())["seed"] if file.exists() else None
+        return -1 if seed is None else seed
+
+    @property
+    def sampler(self) -> tuple[str, int]:
+        """Sampler and its steps per chunk as the checkpoint has them; none and 0 if it does not diffuse."""
+        steps = self._config.get("num_inference_steps") or self._config.get("num_train_timesteps") or 0
+        return self._config.get("noise_scheduler_type", "none"), steps
+
+    @cached_property
+    def _config(self) -> dict[str, Any]:
+        return json.loads((self.folder / "config.json").read_text())
