@@ -494,6 +494,8 @@ class SpeedConfig:
 
     robots: list[str] = field(default_factory=lambda: ["panda", "iiwa7", "ur5e", "gen3"])
     """Arms, as in robots=[panda,ur5e]; MMD is that of the first one and each of the others."""
+    parts: list[str] = field(default_factory=lambda: ["queries", "insertion", "sampling", "mmd"])
+    """What is measured, as in parts=[queries]; insertion into a map of fine cells takes much memory."""
     batches: list[int] = field(default_factory=lambda: [100, 10_000, 1_000_000, 2_000_000])
     """Numbers of queries asked at once; whole numbers >= 1."""
     insertion_batches: list[int] = field(default_factory=lambda: [10_000, 1_000_000])
@@ -524,6 +526,8 @@ class SpeedConfig:
         check_setting(max(self.threads) <= most, "threads", self.threads, f"whole numbers from 1 to {most}")
         for name in ("sampled", "pairwise_cells", "repeats", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        parts = ("queries", "insertion", "sampling", "mmd")
+        check_setting(set(self.parts) <= set(parts) and self.parts, "parts", self.parts, f"some of {', '.join(parts)}")
         check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
         check_setting(self.device in ("cpu", "cuda", "auto"), "device", self.device, "cpu, cuda, auto")
         check_folder(self.output_dir)

@@ -55,7 +55,8 @@ def main(config: SpeedConfig) -> None:
         table = store(output_dir, rows)
         (output_dir / "speed.md").write_text(markdown(table))
         console.print(f"{name}: {len(rows)} rows. {output_dir / 'speed.md'}", soft_wrap=True)
-        first = first or (built, direction_moments(built))
+        if "mmd" in config.parts:
+            first = first or (built, direction_moments(built))
 
 
 def measure(
@@ -71,10 +72,14 @@ def measure(
     for threads in config.threads:
         numba.set_num_threads(threads)
         torch.set_num_threads(threads)
-        rows = [query_speeds(built, config), insertion_speeds(robot, built, config)]
-        if threads == 1:
+        rows = []
+        if "queries" in config.parts:
+            rows.append(query_speeds(built, config))
+        if "insertion" in config.parts:
+            rows.append(insertion_speeds(robot, built, config))
+        if "sampling" in config.parts and threads == 1:
             rows.append(sampling_speeds(robot, config))
-        if first is not None:
+        if "mmd" in config.parts and first is not None:
             rows.append(mmd_speeds(*first, built, config))
         for row in (row for some in rows for row in some):
             yield {"device": "cpu", "threads": threads, "unit": "s", **row}
