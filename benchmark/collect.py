@@ -3,8 +3,8 @@
     python -m benchmark.collect
 
 The oracle's action is always the label. In the disturbed kinds another action is executed now and then
-(DART, Laskey et al., CoRL 2017), so that the data show how to come back from mistakes. They are not the
-published data.
+(DART, Laskey et al., CoRL 2017; an earlier policy's: DAgger, Ross et al., AISTATS 2011), so that the data show
+how to come back from mistakes. They are not the published data.
 """
 
 import hashlib
@@ -33,6 +33,12 @@ class CollectConfig:
     """Share of episodes with that noise, and bursts of a few steps in a wrong direction."""
     share_wide: float = 0.25
     """Share of episodes like the last kind that also start from scenes all over the table."""
+    share_on_policy: float = 0.0
+    """Share of episodes in which an earlier policy drives for 5 to 49 steps now and then."""
+    burst_probability: float = 0.03
+    """Chance per step that a burst begins, in the kinds that have bursts."""
+    driver: str = ""
+    """Checkpoint folder of the policy that drives; needed if share_on_policy is above 0."""
     output_dir: str = "demonstrations/robust"
     """Folder of the dataset."""
     workers: int = 2
@@ -43,16 +49,22 @@ class CollectConfig:
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         check_seeds(self.seed_start, self.episodes)
         check_folder(self.output_dir)
-        shares = ("share_noise", "share_bursts", "share_wide")
-        for name in shares:
+        shares = ("share_noise", "share_bursts", "share_wide", "share_on_policy")
+        for name in (*shares, "burst_probability"):
             check_setting(0 <= getattr(self, name) <= 1, name, getattr(self, name), "a number from 0 to 1")
         total = sum(getattr(self, name) for name in shares)
         check_setting(total <= 1 + 1e-9, " + ".join(shares), total, "a sum of 1 at most; the rest is clean")
+        driven, weights = self.share_on_policy > 0, Path(self.driver) / "model.safetensors"
+        known = weights.exists() if driven else not self.driver
+        check_setting(known, "driver", self.driver, "a checkpoint's folder with share_on_policy above 0, else nothing")
 
     @property
     def recipe(self) -> dict[str, object]:
         """What decides the data: everything but where they are stored and how many processes work."""
-        return {key: value for key, value in asdict(self).items() if key not in ("output_dir", "workers")}
+        values = {key: value for key, value in asdict(self).items() if key not in ("output_dir", "workers")}
+        if self.driver:
+            values["driver"] = hashlib.sha256((Path(self.driver) / "model.safetensors").read_bytes()).hexdigest()
+        return values
 
 
 def collect(config: CollectConfig) -> Path:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -11,6 +12,7 @@ from jaxtyping import Bool, Float
 import envs
 from benchmark.config import SOURCE
 from benchmark.disturbance import Disturbance
+from benchmark.drive import Drive
 from envs.oracle import PLACED, PLANS, Oracle
 from envs.scene import START, Scene, draw_wide_scene
 
@@ -24,7 +26,7 @@ class Demonstration:
 
     seed: int
     kind: str
-    """clean, noise, bursts or wide: what was done to the executed actions and to the scene."""
+    """clean, noise, bursts, wide or on_policy: what was done to the executed actions and to the scene."""
     attempts: int
     """Episodes played until this one."""
     observations: Float[np.ndarray, "n 16"]
@@ -42,33 +44,44 @@ def source_env() -> gymnasium.Env:
     return gymnasium.make(envs.ENVIRONMENTS[SOURCE])
 
 
-def demonstrate(env: gymnasium.Env, seed: int, kind: str) -> Demonstration:
+def demonstrate(
+    env: gymnasium.Env, seed: int, kind: str, burst_probability: float = 0.03, driver: Path | None = None
+) -> Demonstration:
     """Plays the oracle with the kind's disturbances until an episode succeeds.
 
     Clean episodes are kept as they come, like the published ones: they would only repeat.
+
+    Args:
+        env: The source arm's environment.
+        seed: Of the scene and of the disturbances.
+        kind: What is done to the executed actions and to the scene (`Demonstration.kind`).
+        burst_probability: Chance per step of a burst, in the kinds that have some.
+        driver: Folder of the policy that drives now and then in the kind `on_policy`.
 
     Raises:
         RuntimeError: No attempt succeeded.
     """
     for attempt in range(1, ATTEMPTS + 1):
-        demonstration = _attempt(env, seed, kind, attempt)
+        rng = np.random.default_rng((seed, attempt))
+        scene = _wide_scene(rng) if kind == "wide" else None
+        disturbance = Drive(driver, seed, rng) if kind == "on_policy" else Disturbance(kind, burst_probability, rng)
+        demonstration = _play(env, seed, kind, attempt, scene, disturbance)
         if demonstration.successes[-1] or kind == "clean":
             return demonstration
     raise RuntimeError(f"The oracle failed {ATTEMPTS} times with seed {seed} and kind {kind}.")
 
 
-def _attempt(env: gymnasium.Env, seed: int, kind: str, attempt: int) -> Demonstration:
-    rng = np.random.default_rng((seed, attempt))
-    options = {"scene": _wide_scene(rng)} if kind == "wide" else None
-    observation, info = env.reset(seed=seed, options=options)
+def _play(
+    env: gymnasium.Env, seed: int, kind: str, attempt: int, scene: Scene | None, disturbance: Disturbance | Drive
+) -> Demonstration:
+    observation, info = env.reset(seed=seed, options=None if scene is None else {"scene": scene})
     oracle = Oracle(info["mode"])
     oracle(_as_at_start(observation))  # It returns to where it first sees itself; let that be the usual start.
-    disturbance = Disturbance(kind, rng)
     steps = []
     over = False
     while not over:
         label = oracle(observation)
-        executed, restart = disturbance(label)
+        executed, restart = disturbance(label, observation)
         following, reward, terminated, truncated, info = env.step(executed.astype(np.float32))
         steps.append((observation, label, reward, info["is_success"]))
         if restart and oracle.phase in ("push", "orient_left", "orient_right"):

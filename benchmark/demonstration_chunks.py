@@ -42,7 +42,8 @@ def simulate(config: "CollectConfig", chunks: Path) -> None:
 def _simulate_chunk(config: "CollectConfig", seeds: range, chunks: Path) -> None:
     """Worker: one chunk of episodes, stored in one atomic step."""
     env = source_env()
-    episodes = [demonstrate(env, seed, _kind(config, seed)) for seed in seeds]
+    driver = Path(config.driver) if config.driver else None
+    episodes = [demonstrate(env, seed, _kind(config, seed), config.burst_probability, driver) for seed in seeds]
     path = _chunk_path(chunks, seeds)
     partial = path.with_suffix(f".{os.getpid()}.tmp")
     with open(partial, "wb") as file:
@@ -53,7 +54,12 @@ def _simulate_chunk(config: "CollectConfig", seeds: range, chunks: Path) -> None
 def _kind(config: "CollectConfig", seed: int) -> str:
     """Kind of an episode: drawn by its seed alone, so that more episodes never change the first ones."""
     draw = np.random.default_rng((seed, 0)).random()
-    shares = {"noise": config.share_noise, "bursts": config.share_bursts, "wide": config.share_wide}
+    shares = {
+        "noise": config.share_noise,
+        "bursts": config.share_bursts,
+        "wide": config.share_wide,
+        "on_policy": config.share_on_policy,
+    }
     for kind, share in shares.items():
         if draw < share:
             return kind

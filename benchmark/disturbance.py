@@ -7,8 +7,6 @@ NOISE_PROBABILITY = 0.2
 """Chance per step of noise on the executed action."""
 NOISE_STD = 0.008
 """Its standard deviation per axis, in [m]."""
-BURST_PROBABILITY = 0.03
-"""Chance per step that a burst begins."""
 BURST_STEPS = (2, 5)
 """Fewest and most steps of a burst."""
 BURST_SIZE = (0.008, 0.025)
@@ -23,20 +21,25 @@ class Disturbance:
     Args:
         kind: "clean" executes the label; "noise" adds Gaussian noise to some steps; "bursts" and "wide" also
             push a few steps in one wrong direction, with the label added in part.
+        burst_probability: Chance per step that a burst begins.
         rng: Source of all randomness.
     """
 
-    def __init__(self, kind: str, rng: np.random.Generator) -> None:
+    def __init__(self, kind: str, burst_probability: float, rng: np.random.Generator) -> None:
         self._noisy = kind != "clean"
         self._bursting = kind in ("bursts", "wide")
+        self._burst_probability = burst_probability
         self._rng = rng
         self._steps_left = 0
         self._wrong = np.zeros(2)
         self._share = 0.0
 
-    def __call__(self, label: Float[np.ndarray, "2"]) -> tuple[Float[np.ndarray, "2"], bool]:
+    def __call__(
+        self, label: Float[np.ndarray, "2"], observation: Float[np.ndarray, "16"]
+    ) -> tuple[Float[np.ndarray, "2"], bool]:
         """Executed action in [m], and whether the oracle should approach the block anew after it."""
-        if self._steps_left == 0 and self._bursting and self._rng.random() < BURST_PROBABILITY:
+        del observation  # `benchmark.drive.Drive` looks at it; these mistakes are blind.
+        if self._steps_left == 0 and self._bursting and self._rng.random() < self._burst_probability:
             self._begin_burst()
         if self._steps_left > 0:
             self._steps_left -= 1

@@ -7,6 +7,8 @@ from lerobot.configs import NormalizationMode, PreTrainedConfig
 from lerobot.optim import AdamWConfig, DiffuserSchedulerConfig
 from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig
 
+from policies.features import KINDS
+
 
 @PreTrainedConfig.register_subclass("guided_push")
 @dataclass
@@ -32,6 +34,9 @@ class GuidedPushConfig(DiffusionConfig):
     action_unit: float = 0.03
     """Action that the denoiser calls 1, in [m]; the oracle's largest step. Actions are clipped to ±1 unit."""
 
+    features: str = "relative"
+    """What the denoiser sees (`policies.features.KINDS`): absolute, relative, or pair, which adds the oracle's own
+    geometry."""
     trunk_width: int = 336
     trunk_blocks: int = 3
     """Residual blocks that read the observation, once per chunk."""
@@ -73,6 +78,8 @@ class GuidedPushConfig(DiffusionConfig):
             raise ValueError(
                 f"n_action_steps must lie between 1 and horizon={self.horizon}. Got {self.n_action_steps}."
             )
+        if self.features not in KINDS:
+            raise ValueError(f"features={self.features!r} is not one of {', '.join(KINDS)}.")
         if not math.isfinite(self.guidance_scale):
             raise ValueError(f"guidance_scale must be a finite number. Got {self.guidance_scale}.")
         if self.guidance_scale != 0 and self.energy_field is None:

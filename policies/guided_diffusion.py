@@ -29,7 +29,7 @@ class GuidedDiffusion(DiffusionModel):
             horizon, action_dim, config.head_width, config.head_blocks, config.num_train_timesteps
         )
         self.trunk = Trunk(
-            feature_count(config.n_obs_steps),
+            feature_count(config.n_obs_steps, config.features),
             config.trunk_width,
             config.trunk_blocks,
             self.unet.n_modulations,
@@ -44,7 +44,7 @@ class GuidedDiffusion(DiffusionModel):
         )
 
     def _prepare_global_conditioning(self, batch: dict[str, Any]) -> Float[Tensor, "b modulations"]:
-        return self.trunk(observation_features(batch[OBS_STATE], batch[OBS_ENV_STATE]))
+        return self.trunk(observation_features(batch[OBS_STATE], batch[OBS_ENV_STATE], self.config.features))
 
     def generate_actions(
         self,

@@ -6,11 +6,12 @@ import pytest
 from benchmark.disturbance import BURST_SIZE, BURST_STEPS, Disturbance
 
 LABEL = np.array([0.01, -0.02])
+SEEN = np.zeros(16)
 
 
 def disturbed(kind, steps=2000):
-    disturbance = Disturbance(kind, np.random.default_rng(0))
-    executed, restarts = zip(*(disturbance(LABEL) for _ in range(steps)), strict=True)
+    disturbance = Disturbance(kind, 0.03, np.random.default_rng(0))
+    executed, restarts = zip(*(disturbance(LABEL, SEEN) for _ in range(steps)), strict=True)
     return np.array(executed), np.array(restarts)
 
 
