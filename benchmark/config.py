@@ -152,6 +152,23 @@ class ArmConfig:
 
 
 @dataclass
+class WandbConfig:
+    """Whether training is logged in Weights & Biases."""
+
+    mode: str = "disabled"
+    """online, offline (kept on disk, for `wandb sync`) or disabled."""
+    project: str = "guided-push"
+    """Project that the runs go to."""
+    folder: str = "outputs"
+    """Folder that gets a folder `wandb`."""
+
+    def __post_init__(self) -> None:
+        modes = ("online", "offline", "disabled")
+        check_setting(self.mode in modes, "wandb.mode", self.mode, ", ".join(modes))
+        check_folder(self.folder, "wandb.folder")
+
+
+@dataclass
 class RunConfig:
     """Rolls out the xArm6's policy on an arm, without guidance and with it, on the same episodes, and compares."""
 
@@ -163,11 +180,14 @@ class RunConfig:
     episodes: int = 50
     """Number of episodes per lambda; a whole number >= 1."""
     seed: int = 42
-    """Training seed of the policy, a whole number >= 0; picks the checkpoint seed<seed>-1 that ships, or else the one
-    that benchmark.train left in outputs/checkpoints."""
+    """Training seed of the policy, a whole number >= 0."""
+    checkpoint: int = 1
+    """Which of that seed's checkpoints, by rank on the validation episodes, from 1: seed<seed>-<checkpoint>, the one
+    that ships, or else the one that benchmark.source_policies or benchmark.train left in outputs."""
     policy: str = ""
     """Folder of a LeRobot checkpoint to run instead, of any type that needs no pictures; empty for the one that seed
-    picks. One that is not of type guided_push samples as it was saved (not by sampler), and only with lambda=0."""
+    and checkpoint pick. One that is not of type guided_push samples as it was saved (not by sampler), and only with
+    lambda=0."""
     setting: str = "embodied"
     """What the arm may do: embodied (joint limits and self-collision bind, wrist branch per arm) or original (neither
     binds, wrist-out, as where only the arm is swapped in the original task)."""
@@ -197,6 +217,7 @@ class RunConfig:
         for name in ("episodes", "slots", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
+        check_setting(self.checkpoint >= 1, "checkpoint", self.checkpoint, "a whole number >= 1")
         covered = scale == 0 or self.map.half_width >= 0.8
         check_setting(covered, "map.half_width", self.map.half_width, "0.8 or more, so that the field covers the table")
         check_seeds(self.seed_start, self.episodes)

@@ -16,8 +16,13 @@ if TYPE_CHECKING:
 
     from benchmark.rollout import Rollout
 
-CHECKPOINTS = [Path(__file__).parents[1] / "results" / "checkpoints", Path("outputs") / "checkpoints"]
-"""Where checkpoints are looked for: those that ship, and those that `benchmark.train` makes."""
+CHECKPOINTS = [
+    Path(__file__).parents[1] / "results" / "checkpoints",
+    Path("outputs") / "source_policies" / "robust",
+    Path("outputs") / "checkpoints",
+]
+"""Where checkpoints are looked for: those that ship, and those that `benchmark.source_policies` and `benchmark.train`
+make."""
 
 
 def main(config: RunConfig) -> None:
@@ -40,7 +45,7 @@ def chosen_checkpoint(config: RunConfig) -> Path:
         SettingError: If there is none, or it cannot be guided and should be.
     """
     if not config.policy:
-        return checkpoint_folder(config.seed)
+        return checkpoint_folder(config.seed, config.checkpoint)
     checkpoint = Checkpoint.from_path(config.policy)
     if checkpoint.type != GUIDED and config.guidance_scale > 0:
         raise SettingError(
@@ -50,22 +55,20 @@ def chosen_checkpoint(config: RunConfig) -> Path:
     return checkpoint.folder
 
 
-def checkpoint_folder(seed: int) -> Path:
-    """Folder of the checkpoint with this training seed.
+def checkpoint_folder(seed: int, rank: int = 1) -> Path:
+    """Folder of the checkpoint of this rank with this training seed.
 
     Raises:
         SettingError: If there is none.
     """
-    folders = [root / f"seed{seed}-1" for root in CHECKPOINTS]
-    for folder in folders:
+    for root in CHECKPOINTS:
+        folder = root / f"seed{seed}-{rank}"
         if (folder / "model.safetensors").exists():
             return folder
-    trained = {
-        path.name.removeprefix("seed").removesuffix("-1") for root in CHECKPOINTS for path in root.glob("seed*-1")
-    }
+    there = {file.parent.name for root in CHECKPOINTS for file in root.glob("seed*-*/model.safetensors")}
     raise SettingError(
-        f"seed={seed} has no checkpoint. Trained seeds: {', '.join(sorted(trained))}. "
-        f"Train it: python -m benchmark.train seed={seed}"
+        f"seed={seed} checkpoint={rank} is not there. Trained: {', '.join(sorted(there))}. "
+        f"Train more: python -m benchmark.source_policies seeds=[{seed}]"
     )
 
 

@@ -8,13 +8,14 @@ policy and its presets, the update, the checkpoint. `lerobot-train` does the sam
 
 import os
 import shutil
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmark.collect import CollectConfig, collect, digest
 from benchmark.command import SettingError, check_setting, run_command
-from benchmark.config import check_folder
+from benchmark.config import WandbConfig, check_folder
 
 if TYPE_CHECKING:
     from accelerate import Accelerator
@@ -22,6 +23,10 @@ if TYPE_CHECKING:
     from lerobot.utils.logging_utils import MetricsTracker
 
     from benchmark.demonstration_tensors import DemonstrationTensors
+
+
+LOG_EVERY = 50
+"""Steps over which loss, learning rate and gradient norm are averaged for W&B."""
 
 
 @dataclass
@@ -42,12 +47,16 @@ class TrainConfig:
     """CPU threads of the arithmetic; the result depends on it in the last digits."""
     save_every: int = 1000
     """Steps between two states that a killed run can go on from; about half a minute."""
+    keep: list[int] = field(default_factory=list)
+    """Steps whose policies are kept, as in keep=[8000,9000], in folders seed<seed>-step<step>; none for the last alone,
+    in a folder seed<seed>-1."""
     policy: dict[str, Any] = field(default_factory=dict)
     """Fields of `GuidedPushConfig` that differ from its defaults."""
     demonstrations: CollectConfig = field(default_factory=CollectConfig)
     """Data to learn from, collected first if they are not there."""
     output_dir: str = "outputs/checkpoints"
-    """Folder in which the checkpoint gets a folder named after the seed."""
+    """Folder of the checkpoints' folders."""
+    wandb: WandbConfig = field(default_factory=WandbConfig)
 
     def __post_init__(self) -> None:
         check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
@@ -57,29 +66,40 @@ class TrainConfig:
             check_setting(getattr(self, name) in allowed, name, getattr(self, name), ", ".join(allowed))
         for name in ("steps", "batch_size", "threads", "save_every"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        kept = all(1 <= step <= self.steps for step in self.keep)
+        check_setting(kept, "keep", self.keep, f"steps from 1 to {self.steps}")
 
     @property
-    def checkpoint(self) -> Path:
-        """Folder of the finished policy."""
-        return Path(self.output_dir) / f"seed{self.seed}-1"
+    def checkpoints(self) -> dict[int, Path]:
+        """Folders of the finished policies, by step."""
+        folder = Path(self.output_dir)
+        kept = {step: folder / f"seed{self.seed}-step{step}" for step in sorted(self.keep)}
+        return kept or {self.steps: folder / f"seed{self.seed}-1"}
 
     @property
     def states(self) -> Path:
         """Folder of the states of an unfinished run; runs with other settings never share one."""
-        recipe = {**asdict(self), "demonstrations": self.demonstrations.recipe, "save_every": None}
-        return self.checkpoint.with_name(f".{self.checkpoint.name}-{digest(recipe)}")
+        indifferent = {"save_every": None, "keep": None, "wandb": None}
+        recipe = {**asdict(self), "demonstrations": self.demonstrations.recipe, **indifferent}
+        return Path(self.output_dir) / f".seed{self.seed}-{digest(recipe)}"
 
 
-def train(config: TrainConfig) -> Path:
-    """Trains a policy, demonstrations included, and gives the checkpoint's folder.
+def train(config: TrainConfig, report: Callable[[int, float], None] = lambda step, loss: None) -> list[Path]:
+    """Trains a policy, demonstrations included, and gives the folders of its checkpoints, the last one last.
 
     A run that was killed goes on from the last state it had stored, exactly as if nothing had happened.
 
+    Args:
+        config: How.
+        report: Called after each step with the number of steps done and the mean loss of late.
+
     Raises:
-        SettingError: The checkpoint is there already.
+        SettingError: A checkpoint is there already.
     """
-    if config.checkpoint.exists():
-        raise SettingError(f"{config.checkpoint} exists. Delete it or choose another output_dir.")
+    paths = list(config.checkpoints.values())
+    for path in paths if not config.states.exists() else []:
+        if path.exists():
+            raise SettingError(f"{path} exists. Delete it or choose another output_dir.")
     root = collect(config.demonstrations)
     os.environ.setdefault("HF_HUB_OFFLINE", "1")  # Nothing here needs the hub.
     import torch
@@ -89,10 +109,9 @@ def train(config: TrainConfig) -> Path:
     torch.set_num_threads(config.threads)
     demonstrations = load_demonstrations(root)
     pipeline = _pipeline(config, root)
-    state = _optimise(config, pipeline, demonstrations)
-    _publish(state, config, pipeline, demonstrations)
+    _optimise(config, pipeline, demonstrations, report)
     shutil.rmtree(config.states)
-    return config.checkpoint
+    return paths
 
 
 def _pipeline(config: TrainConfig, root: Path) -> "TrainPipelineConfig":
@@ -117,14 +136,19 @@ def _pipeline(config: TrainConfig, root: Path) -> "TrainPipelineConfig":
     )
 
 
-def _optimise(config: TrainConfig, pipeline: "TrainPipelineConfig", demonstrations: "DemonstrationTensors") -> Path:
-    """All steps, from the stored state if there is one; gives the folder of the last state."""
+def _optimise(
+    config: TrainConfig,
+    pipeline: "TrainPipelineConfig",
+    demonstrations: "DemonstrationTensors",
+    report: Callable[[int, float], None],
+) -> None:
+    """All steps, from the stored state if there is one; checkpoints appear as their steps are done."""
     from lerobot.optim.factory import make_optimizer_and_scheduler
     from lerobot.policies import make_policy, make_pre_post_processors
     from lerobot.scripts.lerobot_train import update_policy
     from lerobot.utils.random_utils import set_seed
 
-    from benchmark.progress import progress_bar
+    from benchmark.experiment_log import start_experiment
     from benchmark.training_state import last_state, load_state, save_state
 
     set_seed(config.seed)
@@ -133,19 +157,24 @@ def _optimise(config: TrainConfig, pipeline: "TrainPipelineConfig", demonstratio
     optimizer, scheduler = make_optimizer_and_scheduler(pipeline, policy)
     state = last_state(config.states)
     first = load_state(state, policy, optimizer, scheduler) if state else 0
+    if first in config.checkpoints:  # Killed just before it was published, perhaps.
+        _publish(state, first, config, pipeline, demonstrations)
     accelerator, tracker = _accelerator(config), _tracker(config, demonstrations)
     ready, ready_optimizer, ready_scheduler = accelerator.prepare(policy, optimizer, scheduler)
-    with progress_bar() as progress:
-        task = progress.add_task("Training", total=config.steps, completed=first)
-        for step in range(first, config.steps):
-            batch = processors[0](demonstrations.batch(config.seed, step, config.batch_size, pipeline.policy))
-            clip = pipeline.optimizer.grad_clip_norm
+    clip = pipeline.optimizer.grad_clip_norm
+    with start_experiment(config.wandb, f"seed{config.seed}", config.output_dir, "train", asdict(config)) as run:
+        for step in range(first + 1, config.steps + 1):
+            batch = processors[0](demonstrations.batch(config.seed, step - 1, config.batch_size, pipeline.policy))
             update_policy(tracker, ready, batch, ready_optimizer, clip, accelerator, ready_scheduler)
-            progress.update(task, advance=1, description=f"Training, loss {tracker.loss.avg:.4f}")
-            if (step + 1) % config.save_every == 0 or step + 1 == config.steps:
-                state = save_state(config.states, step + 1, pipeline, policy, optimizer, scheduler, processors)
+            report(step, tracker.loss.avg)
+            if step % LOG_EVERY == 0:
+                values = {name: tracker.metrics[name].avg for name in ("loss", "lr", "grad_norm")}
+                run.log({f"train/{name}": value for name, value in values.items()}, step=step)
                 tracker.reset_averages()
-    return state
+            if step % config.save_every == 0 or step in {*config.checkpoints, config.steps}:
+                state = save_state(config.states, step, pipeline, policy, optimizer, scheduler, processors)
+                if step in config.checkpoints:
+                    _publish(state, step, config, pipeline, demonstrations)
 
 
 def _accelerator(config: TrainConfig) -> "Accelerator":
@@ -163,13 +192,16 @@ def _tracker(config: TrainConfig, demonstrations: "DemonstrationTensors") -> "Me
 
 
 def _publish(
-    state: Path, config: TrainConfig, pipeline: "TrainPipelineConfig", demonstrations: "DemonstrationTensors"
+    state: Path, step: int, config: TrainConfig, pipeline: "TrainPipelineConfig", demonstrations: "DemonstrationTensors"
 ) -> None:
-    """Puts the policy of a state where checkpoints belong, with its card, in one atomic move."""
+    """Puts the policy of a state where checkpoints belong, with its card, in one atomic move; once."""
+    checkpoint = config.checkpoints[step]
+    if checkpoint.exists():
+        return
     from benchmark.model_card import write_model_card
     from benchmark.rollout import code_version, commit
 
-    partial = config.checkpoint.with_name(f".{config.checkpoint.name}.tmp")
+    partial = checkpoint.with_name(f".{checkpoint.name}.tmp")
     shutil.rmtree(partial, ignore_errors=True)
     shutil.copytree(state / "pretrained_model", partial)
     policy = pipeline.policy
@@ -178,6 +210,7 @@ def _publish(
         "episodes": demonstrations.n_episodes,
         "frames": demonstrations.n_frames,
         "kinds": ", ".join(f"{count} {kind}" for kind, count in demonstrations.kinds.items()),
+        "step": step,
         "action_unit": policy.action_unit,
         "sampler": policy.noise_scheduler_type,
         "sampling_steps": policy.num_inference_steps,
@@ -186,14 +219,23 @@ def _publish(
         "code": code_version(),
         "commit": commit(),
     }
-    values = asdict(config)
-    write_model_card(partial, config.checkpoint.name, {**facts, **values}, values)
-    os.replace(partial, config.checkpoint)
+    values = {key: value for key, value in asdict(config).items() if key != "wandb"}
+    write_model_card(partial, checkpoint.name, {**facts, **values}, values)
+    os.replace(partial, checkpoint)
 
 
 def main(config: TrainConfig) -> None:
-    """Train, and say where the checkpoint is."""
-    print(f"Checkpoint: {train(config)}")
+    """Train, and say where the checkpoints are."""
+    from benchmark.progress import progress_bar
+
+    collect(config.demonstrations)
+    with progress_bar() as progress:
+        task = progress.add_task("Training", total=config.steps)
+        paths = train(
+            config,
+            lambda step, loss: progress.update(task, completed=step, description=f"Training, loss {loss:.4f}"),
+        )
+    print(f"Checkpoints: {', '.join(map(str, paths))}")
 
 
 if __name__ == "__main__":

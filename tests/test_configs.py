@@ -26,6 +26,7 @@ from benchmark.config import (
     VerifyMapsConfig,
     ViewConfig,
 )
+from benchmark.source_policies import SourcePoliciesConfig
 from benchmark.train import TrainConfig
 
 SCHEMAS = {
@@ -37,6 +38,7 @@ SCHEMAS = {
     "leaderboard": LeaderboardConfig,
     "collect": CollectConfig,
     "train": TrainConfig,
+    "source_policies": SourcePoliciesConfig,
     "self_collision": SelfCollisionConfig,
     "speed": SpeedConfig,
     "verify_maps": VerifyMapsConfig,

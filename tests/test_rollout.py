@@ -51,7 +51,7 @@ def test_the_policy_solves_its_own_arm(episodes):
 
 
 def test_an_unknown_training_seed_is_refused():
-    with pytest.raises(ValueError, match="seed=7 has no checkpoint. Trained seeds: 42"):
+    with pytest.raises(ValueError, match="seed=7 checkpoint=1 is not there. Trained: .*seed42-1"):
         checkpoint_folder(7)
 
 

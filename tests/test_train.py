@@ -63,7 +63,7 @@ def test_batches_are_those_of_lerobots_dataset(root):
 
 
 def test_a_killed_run_goes_on_as_if_nothing_had_happened(root, tmp_path, monkeypatch):
-    whole = train(config(root, tmp_path / "whole"))
+    (whole,) = train(config(root, tmp_path / "whole"))
     batch = DemonstrationTensors.batch
 
     def killed(self, seed, step, *args):
@@ -74,12 +74,12 @@ def test_a_killed_run_goes_on_as_if_nothing_had_happened(root, tmp_path, monkeyp
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(DemonstrationTensors, "batch", killed)
         train(config(root, tmp_path / "killed"))
-    resumed = train(config(root, tmp_path / "killed"))
+    (resumed,) = train(config(root, tmp_path / "killed"))
     assert (resumed / "model.safetensors").read_bytes() == (whole / "model.safetensors").read_bytes()
 
 
 def test_a_checkpoint_loads_and_says_how_it_was_made(root, tmp_path):
-    checkpoint = train(config(root, tmp_path, steps=2, seed=43))
+    (checkpoint,) = train(config(root, tmp_path, steps=2, seed=43))
     assert checkpoint.name == "seed43-1"
     policy = GuidedPushPolicy.from_pretrained(checkpoint)
     preprocess, postprocess = make_pre_post_processors(policy.config, str(checkpoint))

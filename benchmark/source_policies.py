@@ -1,0 +1,216 @@
+"""All source policies from nothing: demonstrations, training, and of each seed the best checkpoints by validation.
+
+python -m benchmark.source_policies
+"""
+
+import os
+import shutil
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from benchmark.collect import CollectConfig
+from benchmark.command import SettingError, check_setting, run_command
+from benchmark.config import RobotConfig, RunConfig, WandbConfig, check_folder, check_seeds
+from benchmark.train import TrainConfig
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.console import Console
+
+DEMONSTRATIONS = {
+    "robust": CollectConfig(),
+    "clean": CollectConfig(share_noise=0, share_bursts=0, share_wide=0, output_dir="demonstrations/clean"),
+}
+"""What policies learn from: mostly disturbed episodes, or undisturbed ones alone, like the published data."""
+
+
+@dataclass
+class SourcePoliciesConfig:
+    """Trains policies from several seeds and keeps the best checkpoints of each, by their validation episodes."""
+
+    recipe: str = "robust"
+    """What they learn from: robust (noise, bursts, scenes all over the table) or clean (undisturbed episodes alone)."""
+    seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
+    """Training seeds, whole numbers >= 0."""
+    steps: int = 9000
+    """Optimiser steps of a training."""
+    candidates: list[int] = field(default_factory=lambda: [7500, 8000, 8500, 9000])
+    """Steps whose policies are candidates."""
+    best: int = 3
+    """Candidates of each seed that are published, as seed<seed>-1 and so on."""
+    episodes: int = 100
+    """Validation episodes of each candidate on the xArm6; a whole number >= 1."""
+    seed_start: int = 50_000
+    """Seed of the first validation episode."""
+    device: str = "cpu"
+    """Where policies are trained and run: cpu or cuda."""
+    policy: dict[str, Any] = field(default_factory=dict)
+    """Fields of `GuidedPushConfig` that differ from its defaults."""
+    output_dir: str = "outputs/source_policies"
+    """Folder that gets a folder named after the recipe."""
+    workers: int = 2
+    """Processes that simulate, train or roll out; results do not depend on it. A whole number >= 1."""
+    wandb: WandbConfig = field(default_factory=WandbConfig)
+
+    def __post_init__(self) -> None:
+        check_setting(self.recipe in DEMONSTRATIONS, "recipe", self.recipe, ", ".join(DEMONSTRATIONS))
+        check_setting(bool(self.seeds) and min(self.seeds) >= 0, "seeds", self.seeds, "whole numbers >= 0")
+        within = bool(self.candidates) and 1 <= min(self.candidates) <= max(self.candidates) <= self.steps
+        check_setting(within, "candidates", self.candidates, f"steps from 1 to {self.steps}")
+        number = len(set(self.candidates))
+        check_setting(1 <= self.best <= number, "best", self.best, f"a whole number from 1 to {number}")
+        for name in ("episodes", "workers"):
+            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_seeds(self.seed_start, self.episodes)
+        check_setting(self.device in ("cpu", "cuda"), "device", self.device, "cpu, cuda")
+        check_folder(self.output_dir)
+
+    @property
+    def folder(self) -> Path:
+        """Where checkpoints, the table and the validation episodes go."""
+        return Path(self.output_dir) / self.recipe
+
+
+def main(config: SourcePoliciesConfig) -> None:
+    """Collect, train, validate and publish; a killed run goes on where it was."""
+    from rich.console import Console
+
+    from benchmark.side_by_side import train_all
+
+    console = Console()
+    train_all(trainings(config), config.workers)
+    table = ranking(validate(config, console), config.best)
+    publish(table, config)
+    log_validation(table, config)
+    (config.folder / "candidates.md").write_text(markdown(table, config))
+    console.print(f"Checkpoints and table of all candidates: {config.folder}", soft_wrap=True)
+
+
+def trainings(config: SourcePoliciesConfig) -> list[TrainConfig]:
+    """One training for each seed, which leaves all candidates."""
+    return [
+        TrainConfig(
+            seed=seed,
+            steps=config.steps,
+            device=config.device,
+            keep=config.candidates,
+            policy=config.policy,
+            demonstrations=DEMONSTRATIONS[config.recipe],
+            output_dir=str(config.folder / "candidates"),
+            wandb=config.wandb,
+        )
+        for seed in config.seeds
+    ]
+
+
+def validate(config: SourcePoliciesConfig, console: "Console") -> "pd.DataFrame":
+    """Scores of every candidate on the validation episodes: one row each, with its seed, step, folder and hash."""
+    import pandas as pd
+
+    from benchmark.run import make_rollout, run_and_store
+
+    rows = []
+    for training in trainings(config):
+        run = RunConfig(
+            robot=RobotConfig("xarm6"),
+            seed=training.seed,
+            episodes=config.episodes,
+            seed_start=config.seed_start,
+            device=config.device,
+            workers=config.workers,
+            output_dir=str(config.folder),
+        )
+        for step, path in training.checkpoints.items():
+            rollout = make_rollout(run, 0.0, path, console)
+            episodes = run_and_store(rollout, run, console)
+            rows.append(
+                {"seed": training.seed, "step": step, "path": path, "hash": rollout.condition.checkpoint_hash}
+                | {"n": len(episodes), "length": episodes.length.mean()}
+                | {name: episodes[name].astype(float).mean() for name in ("p1", "p2", "score", "success_at_end")}
+            )
+    return pd.DataFrame(rows)
+
+
+def ranking(candidates: "pd.DataFrame", best: int) -> "pd.DataFrame":
+    """Each seed's candidates by p2, then score, then shortness; the best get their name in the column `checkpoint`."""
+    table = candidates.sort_values(
+        ["seed", "p2", "score", "length", "step"], ascending=[True, False, False, True, False], ignore_index=True
+    )
+    rank = table.groupby("seed").cumcount() + 1
+    named = "seed" + table.seed.astype(str) + "-" + rank.astype(str)
+    return table.assign(checkpoint=named.where(rank <= best, ""))
+
+
+def publish(table: "pd.DataFrame", config: SourcePoliciesConfig) -> None:
+    """Copies the best candidates to their names, each in one atomic move.
+
+    Raises:
+        SettingError: One of the names holds another policy.
+    """
+    for row in table[table.checkpoint != ""].itertuples():
+        path = config.folder / row.checkpoint
+        if path.exists():
+            if (path / "model.safetensors").read_bytes() != (row.path / "model.safetensors").read_bytes():
+                raise SettingError(f"{path} holds another policy. Delete it or choose another output_dir.")
+            continue
+        partial = path.with_name(f".{path.name}.tmp")
+        shutil.rmtree(partial, ignore_errors=True)
+        shutil.copytree(row.path, partial)
+        card = (partial / "README.md").read_text().replace(row.path.name, row.checkpoint)
+        (partial / "README.md").write_text(card + _measured(row, config))
+        os.replace(partial, path)
+
+
+def _measured(row: tuple, config: SourcePoliciesConfig) -> str:
+    """What the card says of a chosen checkpoint."""
+    last = config.seed_start + row.n - 1
+    return (
+        f"\nChosen among {len(config.candidates)} candidates of its training seed, on the xArm6, validation seeds "
+        f"{config.seed_start} to {last}:\nboth blocks placed in {round(row.p2 * row.n)} of {row.n} episodes, "
+        f"{row.length:.0f} steps on average, still there one second later in {round(row.success_at_end * row.n)}.\n"
+    )
+
+
+def log_validation(table: "pd.DataFrame", config: SourcePoliciesConfig) -> None:
+    """Validation scores and the published checkpoints, one W&B run per seed."""
+    from benchmark.experiment_log import log_checkpoint, start_experiment
+
+    for seed, rows in table.groupby("seed"):
+        with start_experiment(config.wandb, f"seed{seed}", str(config.folder), "validate", asdict(config)) as run:
+            for row in rows.sort_values("step").itertuples():
+                run.log({"validation/p2": row.p2, "validation/score": row.score}, step=row.step)
+            for name in rows.checkpoint[rows.checkpoint != ""]:
+                log_checkpoint(run, str(config.folder / name), f"{config.recipe}-{name}")
+
+
+def markdown(table: "pd.DataFrame", config: SourcePoliciesConfig) -> str:
+    """All candidates as a document."""
+    from benchmark.leaderboard import with_interval
+    from benchmark.rollout import code_version
+    from benchmark.statistics import rate_interval
+
+    names = ("p1", "p2", "score", "success_at_end")
+    shown = table.assign(length=table.length.round(1), hash=table.hash.str[:12])
+    for name in names:
+        bounds = [rate_interval([mean] * n) for mean, n in zip(table[name], table.n, strict=True)]
+        shown = shown.assign(**{f"{name}_low": [b[0] for b in bounds], f"{name}_high": [b[1] for b in bounds]})
+    shown = shown.assign(**{name: [with_interval(row, name) for _, row in shown.iterrows()] for name in names})
+    last = config.seed_start + config.episodes - 1
+    return "\n".join(
+        [
+            f"# Candidates, recipe `{config.recipe}`",
+            "",
+            f"Made by `python -m benchmark.source_policies recipe={config.recipe}`, code version {code_version()}.",
+            f"xArm6, setting embodied, validation seeds {config.seed_start} to {last}; percent with 95 % Wilson",
+            "intervals. The best of each seed by p2, then score, then length are published under `checkpoint`. Their",
+            "figures here are those of a choice, hence too good: test seeds decide.",
+            "",
+            shown[["seed", "step", "checkpoint", "n", *names, "length", "hash"]].to_markdown(index=False),
+            "",
+        ]
+    )
+
+
+if __name__ == "__main__":
+    run_command(main, SourcePoliciesConfig, "source_policies")
