@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from benchmark.checkpoint import Checkpoint
 from benchmark.command import SettingError, check_setting, run_command
 from benchmark.config import check_folder, check_seeds
 
@@ -63,7 +64,7 @@ class CollectConfig:
         """What decides the data: everything but where they are stored and how many processes work."""
         values = {key: value for key, value in asdict(self).items() if key not in ("output_dir", "workers")}
         if self.driver:
-            values["driver"] = hashlib.sha256((Path(self.driver) / "model.safetensors").read_bytes()).hexdigest()
+            values["driver"] = Checkpoint(Path(self.driver)).weights_hash
         return values
 
 
