@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.command import SettingError, check_setting
+from policies.methods import METHODS
 from richmap.energy_settings import CHOICES, EnergySettings
 
 if TYPE_CHECKING:
@@ -175,8 +176,16 @@ class RunConfig:
     robot: RobotConfig = field(default_factory=RobotConfig, metadata={"choices": TASK_ARMS})
     """Arm that acts: xarm6 (the source itself), ur3, ur5 or ur10."""
     guidance_scale: float = 0.0
-    """Guidance strength, the paper's lambda: how much of the energy's slope in 1/m is added to the predicted noise in
-    normalised action units; any number >= 0. 0 is direct transfer."""
+    """Scale of the method, any number >= 0; 0 is direct transfer. paper, shuffled, flipped: how much of the energy's
+    slope in 1/m is added to the predicted noise in normalised action units (the paper's lambda). away, towards: the
+    push in those units; ring, feasibility: the same at the border. projection: how far inside, in m. best_of_n: number
+    of samples, a whole number. chunk: descent of the normalised actions per unit of slope."""
+    method: str = "paper"
+    """Guidance: paper (against the slope of the energy of similarity), shuffled (that slope turned at random in each
+    cell), flipped (along it), away and towards (constant, from the base or to it), ring (back between two distances
+    from the base), feasibility (from the border of what the arm can hold), projection (commands moved inside that
+    border), best_of_n_energy and best_of_n_feasibility (the best of lambda samples), chunk and chunk_feasibility (down
+    the slope along the whole chunk), or direct (none)."""
     episodes: int = 50
     """Number of episodes per lambda; a whole number >= 1."""
     seed: int = 42
@@ -214,6 +223,10 @@ class RunConfig:
         check_setting(self.robot.name in TASK_ARMS, "robot", self.robot.name, ", ".join(TASK_ARMS))
         scale = self.guidance_scale
         check_setting(math.isfinite(scale) and scale >= 0, "lambda", scale, "any number >= 0")
+        check_setting(self.method in METHODS, "method", self.method, ", ".join(METHODS))
+        check_setting(scale == 0 or self.method != "direct", "lambda", scale, "0 with method=direct")
+        if METHODS[self.method].counts:
+            check_setting(scale == int(scale), "lambda", scale, f"a whole number of samples with method={self.method}")
         for name in ("episodes", "slots", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")

@@ -25,10 +25,11 @@ def main(config: RunConfig) -> None:
     rollout = make_rollout(config, config.guidance_scale, checkpoint, console)
     folder = Path(config.output_dir)
     folder.mkdir(parents=True, exist_ok=True)
+    scale = f"{'lambda' if config.method == 'paper' else config.method}{config.guidance_scale:g}"
     for seed in range(config.seed_start, config.seed_start + config.episodes):
         frames = []
         (episode,) = play(rollout, [seed], watch=lambda env, frames=frames: frames.append(env.render()[::2, ::2]))
-        file = folder / f"{config.robot.name}-{config.setting}-lambda{config.guidance_scale:g}-{seed}.gif"
+        file = folder / f"{config.robot.name}-{config.setting}-{scale}-{seed}.gif"
         imageio.imwrite(file, frames[::2], duration=2000 / FRAMES_PER_SECOND, loop=0)
         console.print(f"{file}: score {episode.outcome.score}, {episode.outcome.length} steps", soft_wrap=True)
 

@@ -19,17 +19,17 @@ def print_report(tables: list[pd.DataFrame], output_dir: Path, console: Console)
     """
     rows = [leaderboard(table).iloc[0] for table in tables]
     scores = Table(title="Percent, with 95 % intervals", title_justify="left")
-    for name in ["robot", "setting", "lambda", "n", *SCORES]:
+    for name in ["robot", "setting", "method", "lambda", "n", *SCORES]:
         scores.add_column(name.replace("_", " "))
     for row in rows:
         intervals = [with_interval(row, name) for name in SCORES]
-        scores.add_row(row.robot, row.setting, f"{row['lambda']:g}", str(row.n), *intervals)
+        scores.add_row(row.robot, row.setting, row.method, f"{row['lambda']:g}", str(row.n), *intervals)
     console.print(scores)
     for row in rows:
         console.print(f"Failed episodes by cause, lambda {row['lambda']:g}: {causes_text(row.causes)}")
     for table in tables[1:]:
         difference = Table(
-            title=f"lambda {table['lambda'].iloc[0]:g} minus lambda 0, same episodes, points",
+            title=f"{table.method.iloc[0]}, lambda {table['lambda'].iloc[0]:g}, minus direct, same episodes, points",
             title_justify="left",
         )
         for name in ["score", "n", "difference", "95 % interval", "exact McNemar p"]:

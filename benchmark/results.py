@@ -39,9 +39,9 @@ class Condition:
     orientation_weight: float
     """Weight of orientation against position in the inverse kinematics, in [m/rad]."""
     method: str
-    """Guidance: direct (none) or paper (the energy's slope at the flange)."""
+    """Guidance: direct (none), paper (the energy's slope at the flange), or another of `policies.methods.METHODS`."""
     guidance_scale: float
-    """The paper's lambda; column `lambda`."""
+    """Scale of the method, for `paper` the paper's lambda; column `lambda`."""
     sampler: str
     """DDIM or DDPM; none if the policy does not diffuse."""
     sampling_steps: int
@@ -51,9 +51,9 @@ class Condition:
     checkpoint_hash: str
     """SHA-256 of the checkpoint's weights."""
     field_fingerprint: str
-    """Fingerprint of the energy field and so of both maps; empty without guidance."""
+    """Fingerprint of the field that guidance looks at, of an energy field and so of both maps; empty without one."""
     cell_size: float
-    """Edge of the maps' cells, in [m]; NaN without guidance."""
+    """Edge of that field's cells, in [m]; NaN without one."""
     batch_shape: int
     """Rows of the batch in which the policy was evaluated."""
     device: str

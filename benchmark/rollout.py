@@ -38,7 +38,7 @@ class Rollout:
     condition: Condition
     checkpoint: Path
     field: Path | None
-    """Energy field; None without guidance."""
+    """The field that guidance looks at; None without one."""
 
 
 def roll_out(rollout: Rollout, seeds: Iterable[int], workers: int) -> Iterator[list[Episode]]:
@@ -147,7 +147,9 @@ def _policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
         return StockPolicy(rollout.checkpoint, rollout.condition.device)
     config = PreTrainedConfig.from_pretrained(rollout.checkpoint)
     config.device = rollout.condition.device
-    config.guidance_scale = rollout.condition.guidance_scale
+    config.guidance, config.guidance_scale = rollout.condition.method, rollout.condition.guidance_scale
+    config.guidance_base = tuple(map(float, rollout.condition.base.split()))[:2]
+    config.guidance_seed = max(0, rollout.condition.training_seed)
     config.energy_field = None if rollout.field is None else str(rollout.field)
     config.noise_scheduler_type = rollout.condition.sampler
     config.num_inference_steps = rollout.condition.sampling_steps

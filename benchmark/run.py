@@ -1,6 +1,7 @@
 """The main job: what does the xArm6's policy do on this arm, and does guidance help?
 
 python -m benchmark.run robot=ur3 lambda=0.5
+python -m benchmark.run robot=ur3 method=projection lambda=0.01
 """
 
 from pathlib import Path
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from benchmark.rollout import Rollout
+    from envs.arms import ArmSetting
+    from richmap.energy import EnergyField
 
 CHECKPOINTS = [
     Path(__file__).parents[1] / "results" / "checkpoints",
@@ -73,13 +76,12 @@ def checkpoint_folder(seed: int, rank: int = 1) -> Path:
 
 
 def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Console") -> "Rollout":
-    """What is rolled out at one lambda; builds the energy field if it is needed and not in the cache."""
+    """What is rolled out at one lambda; builds the field if one is needed and not in the cache."""
     import math
 
     import torch
 
     from benchmark.arm import chosen_arm
-    from benchmark.build_maps import energy_field
     from benchmark.results import Condition
     from benchmark.rollout import Rollout, code_version, commit
 
@@ -89,10 +91,8 @@ def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Co
     if device == "cuda" and not torch.cuda.is_available():
         raise SettingError("device=cuda is not available: PyTorch finds no GPU here. Use device=cpu or device=auto.")
     arm = chosen_arm(config)
-    field, field_path = None, None
-    if scale > 0:
-        robot = config.robot.load()
-        field, field_path = energy_field(robot, arm.base, config.map, config.energy, config.workers, console)
+    method = config.method if scale > 0 else "direct"
+    field, field_path = guidance_field(method, arm, config, console)
     source = Checkpoint(checkpoint)
     sampler, steps = (config.sampler, config.sampling_steps) if source.type == GUIDED else source.sampler
     condition = Condition(
@@ -103,7 +103,7 @@ def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Co
         self_collision=arm.self_collision,
         joint_limits=arm.joint_limits,
         orientation_weight=arm.orientation_weight,
-        method="paper" if scale > 0 else "direct",
+        method=method,
         guidance_scale=scale,
         sampler=sampler,
         sampling_steps=steps,
@@ -111,13 +111,30 @@ def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Co
         checkpoint=source.name,
         checkpoint_hash=source.weights_hash,
         field_fingerprint=field.about["fingerprint"] if field else "",
-        cell_size=config.map.cell_size if field else math.nan,
+        cell_size=field.grid.cell_size if field else math.nan,
         batch_shape=config.slots,
         device=device,
         code_version=code_version(),
         commit=commit(),
     )
     return Rollout(condition, checkpoint, field_path)
+
+
+def guidance_field(
+    method: str, arm: "ArmSetting", config: RunConfig, console: "Console"
+) -> tuple["EnergyField | None", Path | None]:
+    """The field that a method looks at on this arm, and its file; None for one that looks at none."""
+    from benchmark.build_maps import energy_field
+    from benchmark.feasibility_field import feasibility_field
+    from policies.methods import METHODS
+
+    match METHODS[method].field:
+        case "energy":
+            robot = config.robot.load()
+            return energy_field(robot, arm.base, config.map, config.energy, config.workers, console)
+        case "feasibility":
+            return feasibility_field(arm, console)
+    return None, None
 
 
 def run_and_store(rollout: "Rollout", config: RunConfig, console: "Console") -> "pd.DataFrame":
@@ -132,7 +149,7 @@ def run_and_store(rollout: "Rollout", config: RunConfig, console: "Console") -> 
     missing = [seed for seed in seeds if seed not in stored]
     with progress_bar(console) as progress:
         done = len(seeds) - len(missing)
-        name = f"{condition.robot}, lambda {condition.guidance_scale:g}"
+        name = f"{condition.robot}, {condition.method}, lambda {condition.guidance_scale:g}"
         task = progress.add_task(name, total=len(seeds), completed=done)
         for episodes in roll_out(rollout, missing, config.workers):
             store_episodes(output_dir, episodes)

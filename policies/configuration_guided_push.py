@@ -8,6 +8,7 @@ from lerobot.optim import AdamWConfig, DiffuserSchedulerConfig
 from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig
 
 from policies.features import KINDS
+from policies.methods import METHODS
 
 
 @PreTrainedConfig.register_subclass("guided_push")
@@ -49,10 +50,17 @@ class GuidedPushConfig(DiffusionConfig):
     num_inference_steps: int | None = 10
     """Denoising steps per chunk; None means all `num_train_timesteps`."""
 
+    guidance: str = "paper"
+    """Method of guidance, one of `policies.methods.METHODS`."""
     guidance_scale: float = 0.0
-    """The paper's lambda: how much of the energy's slope is added to the predicted noise; 0 turns it off."""
+    """Its scale; for `paper` lambda, how much of the energy's slope is added to the noise. 0 turns guidance off."""
     energy_field: str | None = None
-    """Path of a saved `richmap.energy.EnergyField`; needed if `guidance_scale` is not 0."""
+    """Path of a saved `richmap.energy.EnergyField`, for methods that look at one: that of similarity to the source, or
+    that of the arm's own `policies.feasibility.distance_field`."""
+    guidance_base: tuple[float, float] = (0.0, 0.0)
+    """Position of the arm's base, x and y in [m], for methods that push from it or to it."""
+    guidance_seed: int = 0
+    """Of what is random in a method: the angles of `shuffled`."""
 
     noise_draws: int = 4
     """Noise levels drawn per observation in training: the trunk runs once for all of them."""
@@ -82,11 +90,18 @@ class GuidedPushConfig(DiffusionConfig):
             raise ValueError(f"features={self.features!r} is not one of {', '.join(KINDS)}.")
         if not math.isfinite(self.guidance_scale):
             raise ValueError(f"guidance_scale must be a finite number. Got {self.guidance_scale}.")
-        if self.guidance_scale != 0 and self.energy_field is None:
+        if self.guidance not in METHODS:
+            raise ValueError(f"There is no guidance {self.guidance!r}. Methods: {', '.join(METHODS)}.")
+        if self.needs_field and self.energy_field is None:
             raise ValueError(
-                f"guidance_scale={self.guidance_scale} needs a field: "
-                "set energy_field to the path of a saved EnergyField."
+                f"guidance={self.guidance} with guidance_scale={self.guidance_scale} needs a field of "
+                f"{METHODS[self.guidance].field}: set energy_field to the path of a saved EnergyField."
             )
+
+    @property
+    def needs_field(self) -> bool:
+        """Whether this guidance looks at a field."""
+        return self.guidance_scale != 0 and METHODS[self.guidance].field is not None
 
     @property
     def action_delta_indices(self) -> list[int]:

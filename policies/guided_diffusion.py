@@ -1,5 +1,7 @@
-"""LeRobot's diffusion model with the trunk and the denoising head, and a push on the predicted noise."""
+"""LeRobot's diffusion model with the trunk and the denoising head, and the places where guidance acts."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import torch
@@ -13,6 +15,7 @@ from torch import Tensor
 from policies.configuration_guided_push import GuidedPushConfig
 from policies.denoiser import DenoisingHead, Trunk
 from policies.features import feature_count, observation_features, permute
+from policies.guidance import Guidance
 
 
 class GuidedDiffusion(DiffusionModel):
@@ -50,12 +53,21 @@ class GuidedDiffusion(DiffusionModel):
         self,
         batch: dict[str, Any],
         noise: Float[Tensor, "b ..."] | None = None,
-        push: Float[Tensor, "b 2"] | None = None,
+        guidance: Guidance | None = None,
     ) -> Float[Tensor, "b n_action_steps 2"]:
-        """Sampled actions from the current step on, in [m]."""
-        condition = self._prepare_global_conditioning(batch)
-        actions = self.conditional_sample(len(condition), condition, noise=noise, push=push)
-        return actions[:, : self.config.n_action_steps] * self.config.action_unit
+        """Sampled actions from the current step on, in [m]; `noise` holds that of all samples, one after another."""
+        guidance = guidance or Guidance()
+        effector, samples = batch[OBS_STATE][:, -1], guidance.samples
+        condition = self._prepare_global_conditioning(batch).repeat_interleave(samples, dim=0)
+        if noise is not None and samples > 1:
+            noise = noise.unflatten(1, (samples, -1)).flatten(0, 1)
+        effectors = effector.repeat_interleave(samples, dim=0)
+        push = guidance.push(effectors)
+        descent = partial(guidance.descent, effector=effectors) if guidance.looks_ahead else None
+        actions = self.conditional_sample(len(condition), condition, noise=noise, push=push, descent=descent)
+        chunks = (actions * self.config.action_unit).unflatten(0, (-1, samples))
+        chunk = guidance.correct(guidance.choose(chunks, effector), effector)
+        return chunk[:, : self.config.n_action_steps]
 
     def conditional_sample(
         self,
@@ -64,8 +76,9 @@ class GuidedDiffusion(DiffusionModel):
         generator: torch.Generator | None = None,
         noise: Float[Tensor, "b ..."] | None = None,
         push: Float[Tensor, "b 2"] | None = None,
+        descent: Callable[[Tensor], Tensor] | None = None,
     ) -> Float[Tensor, "b t 2"]:
-        """LeRobot's denoising loop, with the push added to each step's predicted noise.
+        """LeRobot's denoising loop, with what guidance does within it.
 
         Args:
             batch_size: Rows.
@@ -73,6 +86,7 @@ class GuidedDiffusion(DiffusionModel):
             generator: Source of noise if `noise` is None.
             noise: (b, draws, horizon, 2): the initial noise, then that of each step but the last if DDPM.
             push: Added to the predicted noise of every action of the chunk, in normalised action units.
+            descent: Of clean actions in [m], the slope per metre that they are moved down at every step.
         """
         self.noise_scheduler.set_timesteps(self.num_inference_steps)
         draws = 1 if self.eta == 0 else self.num_inference_steps
@@ -85,7 +99,9 @@ class GuidedDiffusion(DiffusionModel):
             level = torch.full((batch_size,), int(t), device=sample.device)
             output = self.unet(sample, level, global_cond=global_cond)
             if push is not None:
-                output = self._pushed(output, push, int(t))
+                output = self._pushed(output, push[:, None], int(t))
+            if descent is not None:
+                output = self._descended(output, sample, descent, int(t))
             sample = self.noise_scheduler.step(
                 output,
                 int(t),
@@ -96,12 +112,34 @@ class GuidedDiffusion(DiffusionModel):
             ).prev_sample
         return sample
 
-    def _pushed(self, output: Float[Tensor, "b t 2"], push: Float[Tensor, "b 2"], t: int) -> Float[Tensor, "b t 2"]:
+    def _pushed(self, output: Float[Tensor, "b t 2"], push: Float[Tensor, "b #t 2"], t: int) -> Float[Tensor, "b t 2"]:
         """Network output with the noise it stands for pushed; one that predicts x0 implies a noise."""
         if self.config.prediction_type == "epsilon":
-            return output + push[:, None]
+            return output + push
         alpha = self.noise_scheduler.alphas_cumprod[t]
-        return output - ((1 - alpha) / alpha).sqrt() * push[:, None]
+        return output - ((1 - alpha) / alpha).sqrt() * push
+
+    def _descended(
+        self,
+        output: Float[Tensor, "b t 2"],
+        sample: Float[Tensor, "b t 2"],
+        descent: Callable[[Tensor], Tensor],
+        t: int,
+    ) -> Float[Tensor, "b t 2"]:
+        """Network output with the clean actions it stands for moved down the slope of what they lead to.
+
+        The slope is taken at the actions as the sampler clips them; per normalised unit it is `action_unit` times
+        that per metre.
+        """
+        alpha = self.noise_scheduler.alphas_cumprod[t]
+        clean = output
+        if self.config.prediction_type == "epsilon":
+            clean = (sample - (1 - alpha).sqrt() * output) / alpha.sqrt()
+        unit = self.config.action_unit
+        step = unit * descent(clean.clamp(-1, 1) * unit)
+        if self.config.prediction_type == "epsilon":
+            return output + (alpha / (1 - alpha)).sqrt() * step
+        return output - step
 
     def compute_loss(self, batch: dict[str, Any]) -> Tensor:
         """Mean squared error of the prediction, over several noise levels per observation.

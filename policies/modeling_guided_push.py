@@ -1,4 +1,4 @@
-"""The guided push policy: LeRobot's `DiffusionPolicy` with its own denoiser, pushed as it denoises."""
+"""The guided push policy: LeRobot's `DiffusionPolicy` with its own denoiser, and guidance as it samples."""
 
 from pathlib import Path
 from typing import Any
@@ -10,20 +10,17 @@ from lerobot.utils.constants import OBS_ENV_STATE, OBS_STATE
 from torch import Tensor
 
 from policies.configuration_guided_push import GuidedPushConfig
-from policies.guidance import EnergyGuidance, Guidance
+from policies.guidance import Guidance, make_guidance
 from policies.guided_diffusion import GuidedDiffusion
 from policies.weight_average import WeightAverage
 from richmap.energy import EnergyField
-
-FLANGE_HEIGHT = 0.06
-"""Height at which every arm of the task holds its flange, in [m]."""
 
 
 class GuidedPushPolicy(DiffusionPolicy):
     """A diffusion policy whose sampling can be guided; plain and guided runs share one checkpoint.
 
     Attributes:
-        guidance: Called once per chunk with the flange positions; None samples without guidance.
+        guidance: What is done to the sampling.
     """
 
     config_class = GuidedPushConfig
@@ -32,16 +29,17 @@ class GuidedPushPolicy(DiffusionPolicy):
     def __init__(self, config: GuidedPushConfig, **kwargs: Any) -> None:
         super().__init__(config, **kwargs)
         self.diffusion = GuidedDiffusion(config)
-        self.guidance: Guidance | None = None
-        if config.guidance_scale != 0:
-            self.guidance = EnergyGuidance(EnergyField.load(Path(config.energy_field)), config.guidance_scale)
+        field = EnergyField.load(Path(config.energy_field)) if config.needs_field else None
+        self.guidance: Guidance = make_guidance(
+            config.guidance, config.guidance_scale, field, config.guidance_base, config.guidance_seed
+        )
         self.average: WeightAverage | None = None
 
     @property
     def noise_shape(self) -> tuple[int, ...]:
-        """Shape of the noise that one row's chunk needs: (draws, horizon, 2)."""
+        """Shape of the noise that one row's chunk needs: (draws, horizon, 2); of several samples, one after another."""
         draws = 1 if self.config.noise_scheduler_type == "DDIM" else self.diffusion.num_inference_steps
-        return (draws, self.config.horizon, self.config.action_feature.shape[0])
+        return (self.guidance.samples * draws, self.config.horizon, self.config.action_feature.shape[0])
 
     @torch.no_grad()
     def predict_action_chunk(
@@ -55,8 +53,7 @@ class GuidedPushPolicy(DiffusionPolicy):
         """
         if any(self._queues.values()):
             batch = {key: torch.stack(list(self._queues[key]), dim=1) for key in (OBS_STATE, OBS_ENV_STATE)}
-        push = None if self.guidance is None else self.guidance(_flange(batch[OBS_STATE]))
-        return self.diffusion.generate_actions(batch, noise=noise, push=push)
+        return self.diffusion.generate_actions(batch, noise=noise, guidance=self.guidance)
 
     def update(self) -> None:
         """Called by LeRobot's training after each optimiser step: moves the average of the weights."""
@@ -68,9 +65,3 @@ class GuidedPushPolicy(DiffusionPolicy):
         if state_dict is None and self.average is not None:
             state_dict = {**self.state_dict(), **self.average.weights}
         super()._save_pretrained(save_directory, state_dict=state_dict)
-
-
-def _flange(state: Float[Tensor, "b t 4"]) -> Float[Tensor, "b 3"]:
-    """Measured flange position of the current observation, world frame, in [m]; the nominal height."""
-    xy = state[:, -1, :2]
-    return torch.cat([xy, xy.new_full((len(xy), 1), FLANGE_HEIGHT)], dim=1)

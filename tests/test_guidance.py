@@ -1,12 +1,18 @@
-"""What guidance adds to the predicted noise."""
+"""What each method does to the sampling; its defining fact."""
 
 import numpy as np
 import pytest
 import torch
 
-from policies.guidance import EnergyGuidance
+from policies.feasibility import distance_field, feasible_ring
+from policies.fields import MARGIN, Infeasibility, Ring, Towards, Turned
+from policies.guidance import BestOf, Descent, Guidance, Projection, Push, make_guidance
+from policies.methods import METHODS
 from richmap.energy import EnergyField
 from richmap.grid import Grid
+
+INNER, OUTER = 0.2, 0.55
+BASE = (0.05, 0.0)
 
 
 def field_of(energy) -> EnergyField:
@@ -21,21 +27,217 @@ def slope():
     return field_of(lambda points: points @ np.array([0.2, -0.1, 9.0]))
 
 
+@pytest.fixture(scope="module")
+def bumpy():
+    """A smooth field without symmetries."""
+    return field_of(lambda points: np.sin(3 * points[:, 0] + 1) * np.cos(2 * points[:, 1]) + points[:, 0] ** 2)
+
+
+@pytest.fixture(scope="module")
+def distance():
+    """What an arm can hold that reaches from 0.2 to 0.55 m from its base."""
+    x, y = np.arange(-0.59, 0.9, 0.02), np.arange(-0.79, 0.8, 0.02)
+    radius = np.hypot(x[:, None] - BASE[0], y[None] - BASE[1])
+    feasible = (radius >= INNER) & (radius <= OUTER)
+    return distance_field(feasible, (-0.6, -0.8), 0.02, 0.06, BASE, {"target": "a ring"})
+
+
+def effectors(n=40, seed=0):
+    """Measured and commanded places over the table, a few millimetres apart."""
+    rng = np.random.default_rng(seed)
+    measured = rng.uniform([0.15, -0.5], [0.7, 0.5], (n, 2))
+    return torch.tensor(np.hstack([measured, measured + rng.normal(0, 0.003, (n, 2))]), dtype=torch.float32)
+
+
+def places(effector):
+    return np.hstack([effector[:, :2].double().numpy(), np.full((len(effector), 1), 0.06)])
+
+
 def test_the_push_is_lambda_times_the_slope_on_the_table(slope):
-    push = EnergyGuidance(slope, 0.5)(torch.zeros(3, 3))
+    push = Push(slope, 0.5).push(torch.zeros(3, 4))
     torch.testing.assert_close(push, torch.tensor([[0.1, -0.05]]).expand(3, 2))
 
 
 def test_the_push_is_asked_for_where_the_flange_is():
     bowl = field_of(lambda points: (points**2).sum(axis=1) / 2)
-    flange = torch.tensor([[0.3, -0.4, 0.06], [0.5, 0.2, 0.06]])
-    torch.testing.assert_close(EnergyGuidance(bowl, 2.0)(flange), 2 * flange[:, :2], rtol=1e-5, atol=1e-6)
-
-
-def test_no_push_at_zero_scale(slope):
-    assert not EnergyGuidance(slope, 0.0)(torch.zeros(2, 3)).any()
+    effector = torch.tensor([[0.3, -0.4, 0.0, 0.0], [0.5, 0.2, 0.0, 0.0]])
+    torch.testing.assert_close(Push(bowl, 2.0).push(effector), 2 * effector[:, :2], rtol=1e-5, atol=1e-6)
 
 
 def test_works_where_autograd_is_off(slope):
     with torch.inference_mode():
-        assert EnergyGuidance(slope, 1.0)(torch.zeros(1, 3))[0, 0] == pytest.approx(0.2)
+        assert Push(slope, 1.0).push(torch.zeros(1, 4))[0, 0] == pytest.approx(0.2)
+
+
+def method(name, scale, field=None, seed=3):
+    return make_guidance(name, scale, field, BASE, seed)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_no_method_does_anything_at_scale_zero(name):
+    assert type(method(name, 0.0)) is Guidance
+
+
+def test_flipped_is_minus_the_papers(bumpy):
+    effector = effectors()
+    assert torch.equal(method("flipped", 0.7, bumpy).push(effector), -method("paper", 0.7, bumpy).push(effector))
+
+
+def test_away_is_minus_towards_and_points_along_the_radius():
+    effector = effectors()
+    towards, away = method("towards", 0.1).push(effector), method("away", 0.1).push(effector)
+    assert torch.equal(towards, -away)
+    offset = effector[:, :2] - torch.tensor(BASE)  # Added to the noise, so actions go the other way: inward.
+    torch.testing.assert_close(towards, 0.1 * offset / offset.norm(dim=1, keepdim=True))
+
+
+def test_no_push_on_the_base_axis():
+    assert not Towards(BASE).gradient(np.array([[*BASE, 0.06]])).any()
+
+
+def test_shuffled_keeps_the_slopes_length_and_forgets_its_direction(bumpy):
+    points = places(effectors(2000))
+    original, turned = bumpy.gradient(points), Turned(bumpy, 0).gradient(points)
+    np.testing.assert_allclose(np.linalg.norm(turned[:, :2], axis=1), np.linalg.norm(original[:, :2], axis=1))
+    cosine = (original[:, :2] * turned[:, :2]).sum(1) / np.linalg.norm(original[:, :2], axis=1) ** 2
+    assert abs(cosine.mean()) < 0.2 and cosine.std() > 0.5
+
+
+def test_shuffled_belongs_to_its_seed_and_is_the_same_within_a_cell(slope):
+    turned = Turned(slope, 5)
+    same_cell = np.array([[0.31, 0.22, 0.06], [0.37, 0.28, 0.02]])
+    first, second = turned.gradient(same_cell)
+    np.testing.assert_allclose(first, second, atol=1e-12)
+    np.testing.assert_array_equal(Turned(slope, 5).gradient(same_cell), turned.gradient(same_cell))
+    assert not np.allclose(Turned(slope, 6).gradient(same_cell), turned.gradient(same_cell))
+
+
+def test_a_ring_is_still_inside_and_pushes_back_outside():
+    ring = Ring((0.0, 0.0), INNER, OUTER)
+    radius = np.array([INNER + MARGIN, 0.4, OUTER - MARGIN, INNER, OUTER, OUTER + MARGIN])
+    slope = ring.gradient(np.stack([radius * 0.6, radius * 0.8, np.full(6, 0.06)], 1))
+    np.testing.assert_allclose(slope @ [0.6, 0.8, 0], [0, 0, 0, -1, 1, 2], atol=1e-9)
+    np.testing.assert_allclose(slope @ [0.8, -0.6, 0], 0, atol=1e-9)
+
+
+def test_a_ring_without_borders_pushes_nowhere():
+    assert not Ring((0.0, 0.0), 0.0, np.inf).gradient(places(effectors())).any()
+
+
+def test_the_arms_ring_is_found_and_stored(distance, tmp_path):
+    distance.save(tmp_path / "field.safetensors")
+    ring = Ring.of(EnergyField.load(tmp_path / "field.safetensors"), BASE)
+    assert (ring.inner, ring.outer) == pytest.approx((INNER, OUTER), abs=0.02)
+
+
+def test_where_the_table_ends_first_the_ring_is_open():
+    radius = np.linspace(0.3, 0.7, 41)[:, None]
+    assert feasible_ring(np.full(radius.shape, True), radius, 0.02) == (0, np.inf)
+    assert feasible_ring(radius > 0.5, radius, 0.02) == (pytest.approx(0.5, abs=0.021), np.inf)
+
+
+def test_the_distance_is_that_to_the_border(distance):
+    points = places(effectors(500))
+    radius = np.hypot(points[:, 0] - BASE[0], points[:, 1])
+    exact = np.maximum(INNER - radius, radius - OUTER)
+    near = np.abs(exact) < 0.1  # Beyond, the middle of the ring rounds it off.
+    assert np.abs(distance.value_and_gradient(points)[0] - exact)[near].max() < 0.011
+
+
+def test_an_arm_that_can_hold_everything_is_not_pushed():
+    everywhere = distance_field(np.full((40, 50), True), (-0.2, -0.75), 0.03, 0.06, BASE, {})
+    assert not Infeasibility(everywhere).gradient(places(effectors())).any()
+    with pytest.raises(ValueError, match="nowhere"):
+        distance_field(np.full((40, 50), False), (-0.2, -0.75), 0.03, 0.06, BASE, {})
+
+
+def test_for_an_arm_that_is_a_ring_feasibility_is_the_ring(distance):
+    points = places(effectors(500))
+    points = points[np.abs(np.hypot(points[:, 0] - BASE[0], points[:, 1]) - OUTER) < 0.08]
+    difference = Infeasibility(distance).gradient(points) - Ring.of(distance, BASE).gradient(points)
+    assert np.abs(difference).max() < 0.35 and np.abs(difference).mean() < 0.1
+
+
+@pytest.mark.parametrize("name", ["bumpy", "distance"])
+def test_gradients_match_finite_differences(name, request):
+    field = request.getfixturevalue(name)
+    field = Infeasibility(field) if name == "distance" else field
+    points, step = places(effectors(100)), 1e-5
+    for axis in range(2):
+        h = step * np.eye(3)[axis]
+        slope = (field.value_and_gradient(points + h)[0] - field.value_and_gradient(points - h)[0]) / (2 * step)
+        np.testing.assert_allclose(field.gradient(points)[:, axis], slope, atol=1e-4)
+
+
+def test_the_descent_of_a_chunk_is_the_slope_of_its_summed_cost(bumpy):
+    """Finite differences of J in every action of the chunk."""
+    effector = effectors(3).double()
+    actions = torch.tensor(np.random.default_rng(1).uniform(-0.03, 0.03, (3, 4, 2)))
+
+    def cost(actions):
+        reached = (effector[:, None, 2:] + actions.cumsum(1)).reshape(-1, 2).numpy()
+        return bumpy.value_and_gradient(np.hstack([reached, np.full((len(reached), 1), 0.06)]))[0].sum()
+
+    descent = Descent(bumpy, 1.5).descent(actions, effector)
+    for index in np.ndindex(3, 4, 2):
+        h = torch.zeros_like(actions)
+        h[index] = 1e-5
+        assert descent[index] == pytest.approx(1.5 * (cost(actions + h) - cost(actions - h)) / 2e-5, abs=1e-4)
+
+
+@pytest.mark.parametrize("inside", [1e-6, 0.03])
+def test_projection_lands_in_the_feasible_set_and_stays_there(distance, inside):
+    projection = Projection(distance, inside)
+    once = projection.project(places(effectors(500)))
+    assert (distance.value_and_gradient(once)[0] <= -inside).all()
+    np.testing.assert_array_equal(projection.project(once), once)
+
+
+def test_projection_moves_along_the_radius_to_the_border(distance):
+    points = np.array([[BASE[0] + 0.7 * 0.8, 0.7 * 0.6, 0.06]])
+    np.testing.assert_allclose(
+        Projection(distance, 0.01).project(points), [[BASE[0] + 0.54 * 0.8, 0.54 * 0.6, 0.06]], atol=0.015
+    )
+
+
+def test_a_projected_chunk_commands_allowed_places_and_others_are_left_alone(distance):
+    projection, effector = Projection(distance, 0.01), effectors(200)
+    chunk = torch.tensor(np.random.default_rng(2).uniform(-0.03, 0.03, (200, 4, 2)), dtype=torch.float32)
+    corrected = projection.correct(chunk, effector)
+    commanded = effector[:, None, 2:] + corrected.cumsum(1)
+    wanted = effector[:, None, 2:] + chunk.cumsum(1)
+
+    def excess(xy):
+        flat = xy.reshape(-1, 2).double().numpy()
+        return distance.value_and_gradient(np.hstack([flat, np.full((len(flat), 1), 0.06)]))[0].reshape(200, 4) + 0.01
+
+    assert excess(commanded).max() < 1e-5
+    fine = (excess(wanted) <= 0).all(1)
+    assert 0 < fine.sum() < 200 and torch.equal(corrected[fine], chunk[fine])
+
+
+def test_the_best_chunk_is_the_one_that_leads_to_the_least_cost(bumpy):
+    effector = effectors(30)
+    chunks = torch.tensor(np.random.default_rng(4).uniform(-0.03, 0.03, (30, 8, 4, 2)), dtype=torch.float32)
+    best = BestOf(bumpy, 8).choose(chunks, effector)
+    for row in range(30):
+        ends = effector[row, 2:] + chunks[row].sum(1)
+        costs = [bumpy.value_and_gradient(np.array([[*end.double(), 0.06]]))[0] for end in ends]
+        assert torch.equal(best[row], chunks[row, int(np.argmin(costs))])
+
+
+def test_of_equal_chunks_the_first_is_taken(distance):
+    chunks = torch.tensor(np.random.default_rng(4).uniform(-0.01, 0.01, (5, 8, 4, 2)), dtype=torch.float32)
+    effector = torch.tensor([[0.42, 0.0, 0.42, 0.0]]).expand(5, 4)  # Far from any border: no cost.
+    assert torch.equal(BestOf(Infeasibility(distance), 8).choose(chunks, effector), chunks[:, 0])
+
+
+def test_what_a_method_cannot_work_with_is_refused(slope):
+    with pytest.raises(ValueError, match="There is no guidance 'papr'. Methods: direct, paper"):
+        method("papr", 1.0)
+    with pytest.raises(ValueError, match="'paper' needs a field of energy"):
+        method("paper", 1.0)
+    with pytest.raises(ValueError, match="not a field of similarity"):
+        method("projection", 1.0, slope)
+    with pytest.raises(ValueError, match="number of samples, 1 or more. Got 2.5"):
+        method("best_of_n_energy", 2.5, slope)

@@ -1,5 +1,7 @@
 """The policy as LeRobot sees it: sampling, guidance, noise, saving and loading."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 import torch
@@ -8,9 +10,11 @@ from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
 from lerobot.policies import get_policy_class, make_pre_post_processors
 
 from envs import arms, scene
-from policies import features, modeling_guided_push
+from policies import features, guidance
 from policies.configuration_guided_push import GuidedPushConfig
-from policies.guidance import EnergyGuidance
+from policies.feasibility import distance_field
+from policies.guidance import Push, make_guidance
+from policies.methods import METHODS
 from policies.modeling_guided_push import GuidedPushPolicy
 from policies.noise import episode_noise
 from richmap.energy import EnergyField
@@ -50,6 +54,18 @@ def slope(x: float, y: float) -> EnergyField:
     return EnergyField(grid, (grid.centres() @ np.array([x, y, 9.0])).reshape(grid.shape), {})
 
 
+@pytest.fixture(scope="module")
+def field_files(tmp_path_factory):
+    """A field of each kind: a slope, and an arm that holds its tool from 0.3 to 0.5 m from the origin."""
+    folder = tmp_path_factory.mktemp("fields")
+    x, y = np.arange(-0.19, 0.9, 0.02), np.arange(-0.69, 0.7, 0.02)
+    radius = np.hypot(x[:, None], y[None])
+    feasible = (radius > 0.3) & (radius < 0.5)
+    slope(0.3, -0.2).save(folder / "energy.safetensors")
+    distance_field(feasible, (-0.2, -0.7), 0.02, 0.06, (0.0, 0.0), {}).save(folder / "feasibility.safetensors")
+    return {name: folder / f"{name}.safetensors" for name in ("energy", "feasibility")}
+
+
 def noise_for(policy, rows=range(ROWS)):
     return episode_noise([100 + row for row in rows], 0, policy.noise_shape)
 
@@ -75,7 +91,7 @@ def test_a_row_does_not_depend_on_the_others(batch, sampler):
 def test_zero_scale_is_bit_equal_to_no_guidance(batch, sampler):
     policy = make_policy(noise_scheduler_type=sampler)
     plain = policy.predict_action_chunk(batch, noise_for(policy))
-    policy.guidance = EnergyGuidance(slope(0.3, 0.1), 0.0)
+    policy.guidance = Push(slope(0.3, 0.1), 0.0)
     assert torch.equal(policy.predict_action_chunk(batch, noise_for(policy)), plain)
 
 
@@ -89,7 +105,7 @@ def test_a_constant_field_shifts_the_sample_as_the_formula_says(batch, predictio
             parameter.zero_()  # Predicts 0 everywhere, so that the push is all there is.
     noise = noise_for(policy)
     plain = policy.predict_action_chunk(batch, noise)
-    policy.guidance = EnergyGuidance(slope(0.2, -0.1), 0.5)
+    policy.guidance = Push(slope(0.2, -0.1), 0.5)
     shift = policy.predict_action_chunk(batch, noise) - plain
     push = torch.tensor([0.1, -0.05])
     alphas = model.noise_scheduler.alphas_cumprod
@@ -122,7 +138,7 @@ def test_ddpm_is_lerobots_ddpm(batch):
 
 def test_actions_stay_within_one_unit(batch):
     policy = make_policy()
-    policy.guidance = EnergyGuidance(slope(1e3, -1e3), 1.0)
+    policy.guidance = Push(slope(1e3, -1e3), 1.0)
     assert policy.predict_action_chunk(batch, noise_for(policy)).abs().max() <= 0.03
 
 
@@ -156,7 +172,7 @@ def test_a_checkpoint_holds_the_average_of_the_weights(tmp_path):
 
 
 def test_guidance_from_the_config_needs_a_field():
-    with pytest.raises(ValueError, match="guidance_scale=0.5 needs a field: set energy_field"):
+    with pytest.raises(ValueError, match="guidance_scale=0.5 needs a field of energy: set energy_field"):
         make_policy(guidance_scale=0.5)
 
 
@@ -164,9 +180,91 @@ def test_guidance_from_the_config_is_guidance_in_code(batch, tmp_path):
     slope(0.3, 0.1).save(tmp_path / "field.safetensors")
     configured = make_policy(guidance_scale=0.5, energy_field=str(tmp_path / "field.safetensors"))
     coded = make_policy()
-    coded.guidance = EnergyGuidance(slope(0.3, 0.1), 0.5)
+    coded.guidance = Push(slope(0.3, 0.1), 0.5)
     noise = noise_for(coded)
     assert torch.equal(configured.predict_action_chunk(batch, noise), coded.predict_action_chunk(batch, noise))
+
+
+@pytest.mark.parametrize("prediction", ["epsilon", "sample"])
+def test_the_papers_guidance_is_the_slope_added_to_the_noise_at_every_step(batch, prediction):
+    """To the last bit, against the loop written out."""
+    policy = make_policy(prediction_type=prediction)
+    noise, field, model = noise_for(policy), slope(0.3, -0.2), policy.diffusion
+    policy.guidance = make_guidance("paper", 0.5, field, (0.0, 0.0), 0)
+    xy = batch["observation.state"][:, -1, :2]
+    points = torch.cat([xy, torch.full((ROWS, 1), 0.06)], dim=1).double().numpy()
+    push = 0.5 * torch.tensor(field.gradient(points)[:, :2], dtype=torch.float32)[:, None]
+    scheduler, sample = model.noise_scheduler, noise[:, 0]
+    with torch.no_grad():
+        condition = model._prepare_global_conditioning(batch)
+        scheduler.set_timesteps(10)
+        for t in scheduler.timesteps:
+            output = model.unet(sample, torch.full((ROWS,), int(t)), global_cond=condition)
+            alpha = scheduler.alphas_cumprod[t]
+            output = output + push if prediction == "epsilon" else output - ((1 - alpha) / alpha).sqrt() * push
+            sample = scheduler.step(output, int(t), sample).prev_sample
+    assert torch.equal(policy.predict_action_chunk(batch, noise), sample[:, :1] * 0.03)
+
+
+@pytest.mark.parametrize("prediction", ["epsilon", "sample"])
+def test_a_descent_moves_the_clean_actions_by_the_chain_rule(batch, prediction):
+    """The clean actions that the scheduler finds in the output move by minus the scale times dJ per normalised unit."""
+    model = make_policy(prediction_type=prediction, clip_sample=False).diffusion
+    model.noise_scheduler.set_timesteps(10)
+    generator = torch.Generator().manual_seed(2)
+    sample, output = torch.randn(2, ROWS, 4, 2, generator=generator)
+    guidance, effector = make_guidance("chunk", 2.0, slope(0.3, -0.2), (0.0, 0.0), 0), batch["observation.state"][:, -1]
+    for t in (90, 50, 0):
+        descended = model._descended(output, sample, partial(guidance.descent, effector=effector), t)
+        step = model.noise_scheduler.step
+        moved = step(descended, t, sample).pred_original_sample - step(output, t, sample).pred_original_sample
+        steps_left = torch.tensor([4.0, 3.0, 2.0, 1.0])[:, None]  # The first action moves all four places.
+        expected = -2.0 * 0.03 * steps_left * torch.tensor([0.3, -0.2])
+        torch.testing.assert_close(moved, expected.expand(ROWS, 4, 2), rtol=1e-3, atol=2e-5)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_method_from_the_config_is_that_method_in_code_and_repeats(name, batch, sampler, field_files):
+    """And a row is still a function of itself alone."""
+    kind, scale = METHODS[name].field, 3.0 if METHODS[name].counts else 0.04
+    field = None if kind is None else EnergyField.load(field_files[kind])
+    fields = dict(guidance=name, guidance_scale=scale, guidance_base=(0.02, 0.0), guidance_seed=7)
+    configured = make_policy(noise_scheduler_type=sampler, energy_field=str(field_files.get(kind, "")), **fields)
+    coded = make_policy(noise_scheduler_type=sampler)
+    coded.guidance = make_guidance(name, scale, field, (0.02, 0.0), 7)
+    noise = noise_for(coded)
+    assert noise.shape[1] == (3 if METHODS[name].counts else 1) * (10 if sampler == "DDPM" else 1)
+    actions = coded.predict_action_chunk(batch, noise)
+    assert torch.equal(configured.predict_action_chunk(batch, noise), actions)
+    others = {key: torch.cat([value[:1], value[1:].flip(0) + 0.05]) for key, value in batch.items()}
+    assert torch.equal(coded.predict_action_chunk(others, noise)[0], actions[0])
+
+
+@pytest.mark.parametrize("name", [name for name in METHODS if METHODS[name].counts])
+def test_the_best_of_one_is_direct(name, batch, sampler, field_files):
+    policy = make_policy(noise_scheduler_type=sampler)
+    plain = policy.predict_action_chunk(batch, noise_for(policy))
+    policy.guidance = make_guidance(name, 1.0, EnergyField.load(field_files[METHODS[name].field]), (0.0, 0.0), 0)
+    assert torch.equal(policy.predict_action_chunk(batch, noise_for(policy)), plain)
+
+
+def test_more_samples_keep_the_first(batch, sampler):
+    """Each sample has its own noise; the first has that of direct transfer."""
+    policy = make_policy(noise_scheduler_type=sampler)
+    plain = policy.predict_action_chunk(batch, noise_for(policy))
+    chunks = []
+    policy.guidance = make_guidance("best_of_n_energy", 4.0, slope(0.3, 0.1), (0.0, 0.0), 0)
+    policy.guidance.choose = lambda found, effector: chunks.append(found) or found[:, 0]
+    torch.testing.assert_close(policy.predict_action_chunk(batch, noise_for(policy)), plain, rtol=1e-5, atol=1e-8)
+    assert chunks[0].shape == (ROWS, 4, 4, 2) and not torch.equal(chunks[0][:, 0], chunks[0][:, 1])
+    policy.predict_action_chunk(batch)  # As under lerobot-eval, where noise is torch's.
+
+
+def test_a_method_that_is_not_there_is_refused():
+    with pytest.raises(ValueError, match="There is no guidance 'papr'. Methods: direct, paper"):
+        make_policy(guidance="papr")
+    with pytest.raises(ValueError, match="guidance=ring with guidance_scale=1.0 needs a field of feasibility"):
+        make_policy(guidance="ring", guidance_scale=1.0)
 
 
 def test_loss_ignores_actions_after_the_end(batch):
@@ -193,4 +291,4 @@ def test_lerobot_finds_the_policy_and_its_processors(batch):
 
 def test_policy_and_environment_speak_of_the_same_places():
     assert features.START == tuple(scene.START)
-    assert modeling_guided_push.FLANGE_HEIGHT == arms.HEIGHT
+    assert guidance.FLANGE_HEIGHT == arms.HEIGHT
