@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import redirect_stdout
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from io import StringIO
 from multiprocessing import get_context
 from pathlib import Path
@@ -47,14 +47,20 @@ def roll_out(rollout: Rollout, seeds: Iterable[int], workers: int) -> Iterator[l
     The episode with seed s has row s mod `batch_shape` of batch s div `batch_shape`, whatever else is run. Rows that
     are not wanted are padded, so float results do not depend on which episodes share a batch.
     """
-    batches: dict[int, list[int]] = {}
-    for seed in seeds:
-        batches.setdefault(seed // rollout.condition.batch_shape, []).append(seed)
+    yield from roll_out_all([(rollout, seeds)], workers)
+
+
+def roll_out_all(jobs: Iterable[tuple[Rollout, Iterable[int]]], workers: int) -> Iterator[list[Episode]]:
+    """The same for one condition after another, in the same worker processes."""
+    batches: dict[tuple[Rollout, int], list[int]] = {}
+    for rollout, seeds in jobs:
+        for seed in seeds:
+            batches.setdefault((rollout, seed // rollout.condition.batch_shape), []).append(seed)
     if not batches:
         return
     workers = min(workers, len(batches))
     with ProcessPoolExecutor(workers, get_context("spawn"), initializer=start_worker) as pool:
-        yield from pool.map(partial(play, rollout), batches.values())
+        yield from pool.map(play, [rollout for rollout, _ in batches], batches.values())
 
 
 def code_version() -> str:
@@ -158,16 +164,30 @@ def _policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
     return policy.to(rollout.condition.device).eval()
 
 
-@lru_cache(maxsize=64)
 def _environment(condition: Condition, slot: int, render: bool) -> gymnasium.Env:
-    """The environment of a row; kept from batch to batch."""
+    """The environment of a row; kept from batch to batch, also of other conditions on the same arm."""
+    c = condition
+    return _arm_environment(c.robot, c.setting, c.base, c.branch, c.self_collision, c.orientation_weight, slot, render)
+
+
+@lru_cache(maxsize=64)
+def _arm_environment(
+    robot: str,
+    setting: str,
+    base: str,
+    branch: str,
+    self_collision: bool,
+    orientation_weight: float,
+    slot: int,
+    render: bool,
+) -> gymnasium.Env:
     return gymnasium.make(
-        envs.ENVIRONMENTS[condition.robot],
-        setting=condition.setting,
-        base=tuple(map(float, condition.base.split())),
-        wrist=condition.branch,
-        self_collision=condition.self_collision,
-        orientation_weight=condition.orientation_weight,
+        envs.ENVIRONMENTS[robot],
+        setting=setting,
+        base=tuple(map(float, base.split())),
+        wrist=branch,
+        self_collision=self_collision,
+        orientation_weight=orientation_weight,
         obs_type="environment_state_agent_pos",
         render_mode="rgb_array" if render else None,
     )
