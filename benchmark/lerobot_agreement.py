@@ -1,0 +1,154 @@
+"""Success under LeRobot's own evaluation beside ours, on the same episode seeds.
+
+    python -m benchmark.lerobot_agreement robot=ur3 episodes=200
+
+`lerobot-eval` finds policy and environment as plugins and never comes near `benchmark.rollout`. It seeds episode i of
+a run with `--seed` + i, in batches of a vector environment that starts finished episodes over by itself; what comes
+after an episode's end it leaves out. Its noise is torch's own, so rates are compared, not episodes.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import fields
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from benchmark.command import run_command
+from benchmark.config import LerobotAgreementConfig, RunConfig
+from benchmark.run import chosen_checkpoint, make_rollout, run_and_store
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from benchmark.rollout import Rollout
+
+PART = 100
+"""Episodes per call of `lerobot-eval`, which draws a video of the first ten each time; a killed run loses one call."""
+
+KEY = ["robot", "setting", "checkpoint_hash", "code_version", "episode_seed"]
+"""What an episode of the two evaluations must share."""
+
+
+def main(config: LerobotAgreementConfig) -> None:
+    """Evaluate with lerobot-eval and with our rollouts, store both, and write the comparison."""
+    from rich.console import Console
+
+    console, output_dir = Console(), Path(config.output_dir)
+    folder = output_dir / "lerobot_agreement"
+    shared = {field.name: getattr(config, field.name) for field in fields(config)}
+    run = RunConfig(**{**shared, "output_dir": str(folder), "device": "cpu"})
+    rollout = make_rollout(run, 0.0, chosen_checkpoint(run), console)
+    run_and_store(rollout, run, console)
+    evaluate(rollout, config, folder)
+    table = compare(folder)
+    temporary = output_dir / ".lerobot_agreement.md.tmp"
+    temporary.write_text(HEADER + table.to_markdown(index=False) + "\n")
+    os.replace(temporary, output_dir / "lerobot_agreement.md")
+    console.print(table.T.to_string(header=False))
+    console.print(f"Table: {output_dir / 'lerobot_agreement.md'}", soft_wrap=True)
+
+
+def evaluate(rollout: "Rollout", config: LerobotAgreementConfig, folder: Path) -> None:
+    """Runs lerobot-eval on the episodes that it has not been run on, and stores what it says of each."""
+    import pandas as pd
+
+    file = folder / "lerobot_eval.parquet"
+    condition = rollout.condition
+    about = {name: getattr(condition, name) for name in ("checkpoint", *KEY[:-1])}
+    for first in range(config.seed_start, config.seed_start + config.episodes, PART):
+        seeds = range(first, min(first + PART, config.seed_start + config.episodes))
+        stored = pd.read_parquet(file) if file.exists() else pd.DataFrame(columns=[*about, "episode_seed"])
+        same = (stored[list(about)] == pd.Series(about)).all(axis=1)
+        if set(seeds) <= set(stored.episode_seed[same]):
+            continue
+        metrics = lerobot_eval(rollout, seeds, config.slots)
+        rows = {**about, "episode_seed": seeds, "success": metrics["successes"], "sum_reward": metrics["sum_rewards"]}
+        table = pd.concat([stored, pd.DataFrame(rows)]) if len(stored) else pd.DataFrame(rows)
+        temporary = file.with_suffix(".tmp")
+        table.drop_duplicates(KEY, keep="last").to_parquet(temporary, index=False)
+        os.replace(temporary, file)
+
+
+def lerobot_eval(rollout: "Rollout", seeds: range, slots: int) -> dict[str, list]:
+    """What lerobot-eval says of the episodes with these seeds: its `successes` and `sum_rewards`.
+
+    It runs in a folder that is not the project's, so that only what is installed can be found, and offline.
+
+    Raises:
+        RuntimeError: If it fails; what it says is on the terminal.
+    """
+    from envs import ENVIRONMENTS
+
+    condition = rollout.condition
+    settings = {
+        "policy.path": rollout.checkpoint.resolve(),
+        "policy.device": condition.device,
+        "env.type": "guided_push",
+        "env.task": ENVIRONMENTS[condition.robot],
+        "env.setting": condition.setting,
+        "eval.n_episodes": len(seeds),
+        "eval.batch_size": min(slots, len(seeds)),
+        "eval.use_async_envs": "false",
+        "seed": seeds.start,
+        "output_dir": "evaluation",
+    }
+    program = shutil.which("lerobot-eval", path=Path(sys.executable).parent)
+    command = [program, *(f"--{name}={value}" for name, value in settings.items())]
+    environment = os.environ | {"HF_HUB_OFFLINE": "1", "OMP_NUM_THREADS": "1"}
+    with TemporaryDirectory() as folder:
+        if subprocess.run(command, cwd=folder, env=environment, stdout=subprocess.DEVNULL).returncode != 0:
+            raise RuntimeError(f"lerobot-eval failed: {' '.join(command)}")
+        evaluation = json.loads(Path(folder, "evaluation", "eval_info.json").read_text())
+    (task,) = evaluation["per_task"]
+    return task["metrics"]
+
+
+def compare(folder: Path) -> "pd.DataFrame":
+    """One row per arm, setting, checkpoint and code: both rates of p2, and their paired difference, in percent."""
+    import pandas as pd
+
+    from benchmark.results import read_episodes
+    from benchmark.statistics import paired_difference, paired_p_value, rate_interval
+
+    ours, theirs = read_episodes(folder), pd.read_parquet(folder / "lerobot_eval.parquet")
+    both = theirs.merge(ours.drop(columns="checkpoint").drop_duplicates(KEY, keep="last"), on=KEY)
+    rows = []
+    for (robot, setting, checkpoint, code), group in both.groupby(["robot", "setting", "checkpoint", "code_version"]):
+        a, b = group.success.to_numpy(dtype=float), group.p2.to_numpy(dtype=float)
+        difference, low, high = (100 * x for x in paired_difference(a, b))
+        shown = {
+            name: f"{100 * rate.mean():.1f} [{100 * rate_interval(rate)[0]:.1f}, {100 * rate_interval(rate)[1]:.1f}]"
+            for name, rate in (("lerobot-eval", a), ("benchmark.run", b))
+        }
+        rows.append(
+            {
+                "arm": robot,
+                "setting": setting,
+                "checkpoint": checkpoint,
+                "n": len(group),
+                "seeds": f"{group.episode_seed.min()}-{group.episode_seed.max()}",
+                **shown,
+                "difference": f"{difference:+.1f} [{low:+.1f}, {high:+.1f}]",
+                "exact McNemar p": f"{paired_p_value(a, b):.2g}",
+                "code": code,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+HEADER = """# LeRobot's evaluation and ours
+
+Both blocks placed (p2, LeRobot's `success`), in percent, on the same episode seeds: `lerobot-eval`, which finds policy
+and environment as plugins, and `benchmark.run`. The noise of the sampler differs, so rates are compared. Brackets: 95 %
+intervals (Wilson), of the paired difference after Bonett & Price (2012). Made by
+`python -m benchmark.lerobot_agreement robot=… episodes=200` from `lerobot_agreement/*.parquet`.
+
+"""
+
+
+if __name__ == "__main__":
+    run_command(main, LerobotAgreementConfig, "lerobot_agreement")
