@@ -311,6 +311,8 @@ class LerobotAgreementConfig:
     """Number of episodes; a whole number >= 1."""
     seed: int = 42
     """Training seed of the policy (see benchmark.run)."""
+    checkpoint: int = 1
+    """Which of that seed's checkpoints (see benchmark.run)."""
     policy: str = ""
     """Folder of a LeRobot checkpoint to evaluate instead (see benchmark.run)."""
     seed_start: int = 50_000
