@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from benchmark.checkpoint import GUIDED, Checkpoint
 from benchmark.command import SettingError, run_command
 from benchmark.config import RunConfig
+from policies.methods import METHODS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -92,7 +93,7 @@ def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Co
         raise SettingError("device=cuda is not available: PyTorch finds no GPU here. Use device=cpu or device=auto.")
     arm = chosen_arm(config)
     method = config.method if scale > 0 else "direct"
-    field, field_path = guidance_field(method, arm, config, console)
+    field, field_path = guidance_field(METHODS[method].field, arm, config, console)
     source = Checkpoint(checkpoint)
     sampler, steps = (config.sampler, config.sampling_steps) if source.type == GUIDED else source.sampler
     condition = Condition(
@@ -121,14 +122,13 @@ def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Co
 
 
 def guidance_field(
-    method: str, arm: "ArmSetting", config: RunConfig, console: "Console"
+    kind: str | None, arm: "ArmSetting", config: RunConfig, console: "Console"
 ) -> tuple["EnergyField | None", Path | None]:
-    """The field that a method looks at on this arm, and its file; None for one that looks at none."""
+    """The field of a kind (`policies.methods.Method.field`) for this arm, and its file; None for None."""
     from benchmark.build_maps import energy_field
     from benchmark.feasibility_field import feasibility_field
-    from policies.methods import METHODS
 
-    match METHODS[method].field:
+    match kind:
         case "energy":
             robot = config.robot.load()
             return energy_field(robot, arm.base, config.map, config.energy, config.workers, console)

@@ -260,6 +260,15 @@ def test_more_samples_keep_the_first(batch, sampler):
     policy.predict_action_chunk(batch)  # As under lerobot-eval, where noise is torch's.
 
 
+def test_a_method_can_be_set_where_lerobot_eval_sets_it(tmp_path):
+    make_policy().save_pretrained(tmp_path)
+    overrides = ["--guidance=away", "--guidance_scale=0.1", "--guidance_base=[0.05,0.0]"]
+    config = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=overrides)
+    policy = GuidedPushPolicy.from_pretrained(tmp_path, config=config)
+    push = policy.guidance.push(torch.tensor([[0.35, 0.4, 0.0, 0.0]]))
+    torch.testing.assert_close(push, torch.tensor([[-0.06, -0.08]]))
+
+
 def test_a_method_that_is_not_there_is_refused():
     with pytest.raises(ValueError, match="There is no guidance 'papr'. Methods: direct, paper"):
         make_policy(guidance="papr")

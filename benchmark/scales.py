@@ -1,0 +1,285 @@
+"""The scale of each method of guidance: swept by factors of two on validation episodes, up to collapse.
+
+python -m benchmark.scales robot=ur3 methods=[paper,feasibility]
+"""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from benchmark.command import run_command
+from benchmark.config import ScalesConfig
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.console import Console
+
+    from benchmark.rollout import Rollout
+    from richmap.energy import EnergyField
+
+FIRST = {
+    "paper": 0.125,
+    "away": 0.0125,
+    "towards": 0.0125,
+    "shuffled": 0.125,
+    "flipped": 0.125,
+    "ring": 0.05,
+    "feasibility": 0.05,
+    "projection": 0.0025,
+    "best_of_n_energy": 2.0,
+    "best_of_n_feasibility": 2.0,
+    "chunk": 1.0,
+    "chunk_feasibility": 0.25,
+}
+"""Each method's smallest scale, which hardly matters; what it is says `policies.methods.METHODS`."""
+
+MOST_SAMPLES = 32
+"""Of methods that choose among samples: they do not collapse, but cost more and more."""
+
+COLLAPSE = 0.5
+"""A method's sweep ends when its p2 falls below this part of direct transfer's."""
+
+EPISODE_SECONDS = 1.4
+"""About what an episode on a UR3, where many last long, takes on one core; for the budget."""
+
+ARM = ["robot", "setting", "base", "branch", "self_collision", "orientation_weight", "sampler", "sampling_steps"]
+"""Columns of the episodes table that a scale is chosen for."""
+
+
+def main(config: ScalesConfig) -> None:
+    """Print the budget, roll out every scale that is not stored yet, and write table and figures."""
+    from benchmark.run import checkpoint_folder
+
+    folders = [checkpoint_folder(seed, config.checkpoint) for seed in config.seeds]
+    from rich.console import Console
+
+    from benchmark.field_sensitivity import demonstrated_path
+    from benchmark.guidance_figures import draw_fields, draw_success
+    from benchmark.run import make_rollout
+    from policies.guidance import make_guidance
+
+    console, output_dir = Console(), Path(config.output_dir)
+    console.print(budget(config))
+    direct = [
+        make_rollout(config.run(seed), 0.0, folder, console) for seed, folder in zip(config.seeds, folders, strict=True)
+    ]
+    fields = method_fields(config, console)
+    table = scale_table(sweep(config, direct, fields, console))
+    save_text(output_dir / "scales.md", markdown(table))
+
+    arm = table[(table[ARM] == [getattr(direct[0].condition, name) for name in ARM]).all(axis=1)]
+    base = tuple(map(float, direct[0].condition.base.split()))[:2]
+    guidances = {
+        row.method: make_guidance(row.method, row["lambda"], fields[row.method][0], base, config.seeds[0])
+        for _, row in arm[arm.chosen].iterrows()
+        if row.method in config.methods
+    }
+    figures = {
+        "success_against_scale": draw_success(arm),
+        "fields": draw_fields(guidances, base, demonstrated_path(10, console)),
+    }
+    for name, figure in figures.items():
+        file = output_dir / "figures" / f"{config.robot.name}_{config.setting}_{name}.png"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        temporary = file.with_suffix(".tmp")
+        figure.savefig(temporary, format="png", dpi=100)
+        os.replace(temporary, file)
+        console.print(f"Figure: {file}", soft_wrap=True)
+    console.print(shown(arm[arm.chosen]).to_markdown(index=False), soft_wrap=True, markup=False)
+    console.print(f"Table: {output_dir / 'scales.md'}", soft_wrap=True)
+
+
+def scales(method: str, points: int) -> list[float]:
+    """The scales of a method that are tried, smallest first."""
+    from policies.methods import METHODS
+
+    doubled = [FIRST[method] * 2**k for k in range(points)]
+    return [scale for scale in doubled if scale <= MOST_SAMPLES or not METHODS[method].counts]
+
+
+def budget(config: ScalesConfig) -> str:
+    """What the sweep costs at most."""
+    points = 1 + sum(len(scales(method, config.points)) for method in config.methods)
+    episodes = points * len(config.seeds) * config.episodes
+    hours = episodes * EPISODE_SECONDS / config.workers / 3600
+    return (
+        f"At most {points} points (direct transfer and {len(config.methods)} methods) x {len(config.seeds)} "
+        f"checkpoints x {config.episodes} episodes = {episodes} episodes; at about {EPISODE_SECONDS:g} s each on "
+        f"{config.workers} workers {hours:.1f} hours. What is stored is not run again; a method ends where it collapses."
+    )
+
+
+def method_fields(config: ScalesConfig, console: "Console") -> "dict[str, tuple[EnergyField | None, Path | None]]":
+    """The field that each method looks at, and its file; those of one kind are built once."""
+    from functools import cache
+
+    from benchmark.arm import chosen_arm
+    from benchmark.run import guidance_field
+    from policies.methods import METHODS
+
+    run = config.run(config.seeds[0])
+    arm = chosen_arm(run)
+    of_kind = cache(lambda kind: guidance_field(kind, arm, run, console))
+    return {method: of_kind(METHODS[method].field) for method in config.methods}
+
+
+def guided(direct: "Rollout", method: str, scale: float, field: "EnergyField | None", path: Path | None) -> "Rollout":
+    """The same rollout with guidance."""
+    condition = replace(direct.condition, method=method, guidance_scale=scale)
+    if field is not None:
+        fingerprint, cell_size = field.about["fingerprint"], field.grid.cell_size
+        condition = replace(condition, field_fingerprint=fingerprint, cell_size=cell_size)
+    return replace(direct, field=path, condition=condition)
+
+
+def sweep(
+    config: ScalesConfig,
+    direct: "list[Rollout]",
+    fields: "dict[str, tuple[EnergyField | None, Path | None]]",
+    console: "Console",
+) -> "pd.DataFrame":
+    """Direct transfer and then level by level the next scale of every method that has not collapsed.
+
+    Returns:
+        These episodes of all arms and methods in the table, as far as this version of the code produced them.
+    """
+    from benchmark.results import read_episodes
+    from benchmark.rollout import code_version
+
+    reference = run_points({"direct": direct}, config, "Direct transfer", console)["direct"]
+    going = {method: scales(method, config.points) for method in config.methods}
+    for level in range(config.points):
+        points = {
+            method: [guided(rollout, method, values[level], *fields[method]) for rollout in direct]
+            for method, values in going.items()
+            if level < len(values)
+        }
+        rates = run_points(points, config, f"Scale {level + 1} of at most {config.points}", console)
+        going = {method: going[method] for method, rate in rates.items() if rate >= COLLAPSE * reference}
+    table = read_episodes(Path(config.output_dir))
+    return table[(table.code_version == code_version()) & table.episode_seed.isin(episode_seeds(config))]
+
+
+def episode_seeds(config: ScalesConfig) -> range:
+    """The episodes of every point."""
+    return range(config.seed_start, config.seed_start + config.episodes)
+
+
+def run_points(
+    points: "dict[str, list[Rollout]]", config: ScalesConfig, name: str, console: "Console"
+) -> dict[str, float]:
+    """Roll out what is not stored of some methods, each with all checkpoints, and give their p2."""
+    from benchmark.progress import progress_bar
+    from benchmark.results import episodes_of, read_episodes, store_episodes
+    from benchmark.rollout import roll_out_all
+
+    output_dir, seeds = Path(config.output_dir), episode_seeds(config)
+
+    def stored() -> "dict[Rollout, pd.DataFrame]":
+        table = read_episodes(output_dir)
+        table = table if table.empty else table[table.episode_seed.isin(seeds)]
+        return {rollout: episodes_of(table, rollout.condition) for group in points.values() for rollout in group}
+
+    before = stored()
+    jobs = [(rollout, sorted({*seeds} - {*rows.get("episode_seed", [])})) for rollout, rows in before.items()]
+    total = sum(len(missing) for _, missing in jobs)
+    with progress_bar(console) as progress:
+        task = progress.add_task(name, total=len(jobs) * len(seeds), completed=len(jobs) * len(seeds) - total)
+        for episodes in roll_out_all(jobs, config.workers):
+            store_episodes(output_dir, episodes)
+            progress.advance(task, len(episodes))
+    after = stored()
+    return {method: sum(after[rollout].p2.mean() for rollout in group) / len(group) for method, group in points.items()}
+
+
+def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
+    """One row per arm, method and scale, over all checkpoints: n, p2, score, and their differences to direct transfer.
+
+    Differences are paired: same checkpoint, same episode. `chosen` is the scale with the best p2, of equal ones the
+    smallest. Intervals are over episodes.
+    """
+    import pandas as pd
+
+    from benchmark.statistics import paired_difference, rate_interval
+
+    rows = []
+    for arm, group in episodes.groupby(ARM, sort=True):
+        direct = group[group.method == "direct"]
+        for (method, scale), point in group.groupby(["method", "lambda"], sort=False):
+            pairs = point.merge(direct, on=["checkpoint_hash", "episode_seed"], suffixes=("", "_direct"))
+            row = dict(zip(ARM, arm, strict=True)) | {"method": method, "lambda": scale, "n": len(point)}
+            row |= {"checkpoints": point.checkpoint_hash.nunique()}
+            for name in ("p2", "score"):
+                values, control = pairs[name].astype(float), pairs[f"{name}_direct"].astype(float)
+                row[name] = point[name].astype(float).mean()
+                row[f"{name}_low"], row[f"{name}_high"] = rate_interval(point[name].astype(float))
+                for end, value in zip(("", "_low", "_high"), paired_difference(values, control), strict=True):
+                    row[f"{name}_difference{end}"] = value
+            rows.append(row)
+    table = pd.DataFrame(rows).sort_values([*ARM, "method", "lambda"], ignore_index=True)
+    best = table.sort_values(["p2", "lambda"], ascending=[False, True]).groupby([*ARM, "method"]).head(1)
+    return table.assign(chosen=table.index.isin(best.index))
+
+
+def shown(table: "pd.DataFrame") -> "pd.DataFrame":
+    """The columns for people, in percent and points."""
+    import pandas as pd
+
+    from benchmark.leaderboard import with_interval
+
+    def points(row: "pd.Series", name: str) -> str:
+        value, low, high = (100 * row[f"{name}_difference{end}"] for end in ("", "_low", "_high"))
+        return "" if row.method == "direct" else f"{value:+.1f} [{low:+.1f}, {high:+.1f}]"
+
+    rows = [row for _, row in table.iterrows()]
+    return pd.DataFrame(
+        {
+            "method": [row.method for row in rows],
+            "λ": [f"{row['lambda']:g}" for row in rows],
+            "n": [row.n for row in rows],
+            **{name: [with_interval(row, name) for row in rows] for name in ("p2", "score")},
+            **{f"{name} - direct": [points(row, name) for row in rows] for name in ("p2", "score")},
+        }
+    )
+
+
+TEXT = """# The scale of each method of guidance
+
+Validation episodes, the same for all; percent, with 95 % intervals over episodes (Wilson), and paired differences to
+direct transfer in points. Made by `python -m benchmark.scales robot=…`. Each method's λ was doubled until its p2 fell
+below half of direct transfer's (of methods that choose among samples, up to {most} samples); the chosen one has the
+best p2, of equal ones it is the smallest. Being the best of several on these episodes, its p2 here is too high: final
+figures come from other episodes.
+
+{units}"""
+
+
+def markdown(table: "pd.DataFrame") -> str:
+    """The tables for people, an arm after the other."""
+    from policies.methods import METHODS
+
+    units = "\n".join(f"- `{name}`: λ is {method.scale}." for name, method in METHODS.items() if name != "direct")
+    parts = [TEXT.format(most=MOST_SAMPLES, units=units)]
+    for arm, group in table.groupby(ARM, sort=True):
+        about = dict(zip(ARM, arm, strict=True))
+        parts += [
+            f"## {about['robot']}, {about['setting']}",
+            f"Base {about['base']} m, wrist {about['branch']}, {about['sampler']}-{about['sampling_steps']}, "
+            f"{group.checkpoints.max()} checkpoints. Chosen:",
+            shown(group[group.chosen]).to_markdown(index=False, disable_numparse=True),
+            "All:",
+            shown(group).to_markdown(index=False, disable_numparse=True),
+        ]
+    return "\n\n".join(parts) + "\n"
+
+
+def save_text(file: Path, text: str) -> None:
+    """Write a file in one atomic move."""
+    temporary = file.with_suffix(".tmp")
+    temporary.write_text(text)
+    os.replace(temporary, file)
+
+
+if __name__ == "__main__":
+    run_command(main, ScalesConfig, "scales")

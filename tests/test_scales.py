@@ -1,0 +1,117 @@
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image
+
+from benchmark import field_sensitivity, rollout, scales
+from benchmark.command import SettingError
+from benchmark.config import RobotConfig, ScalesConfig
+from benchmark.results import Condition, Episode, read_episodes
+from envs.outcome import EpisodeOutcome
+from policies.methods import METHODS
+
+CONDITION = Condition(
+    robot="ur3", setting="embodied", base="0 0 0", branch="out", self_collision=True, joint_limits=True,
+    orientation_weight=1.0, method="direct", guidance_scale=0.0, sampler="DDIM", sampling_steps=10, training_seed=42,
+    checkpoint="seed42-1", checkpoint_hash="abc", field_fingerprint="", cell_size=float("nan"), batch_shape=10,
+    device="cpu", code_version="v1", commit="c1",
+)  # fmt: skip
+
+
+def episode(seed, p2, condition):
+    """One in which a block is placed, or both are."""
+    values = {f.name: 0.0 if f.type in (float, "float") else None for f in dataclasses.fields(EpisodeOutcome)}
+    values |= {
+        "score": 0.49 + 0.51 * p2,
+        "p1": True,
+        "p2": bool(p2),
+        "success_at_end": bool(p2),
+        "length": 9,
+        "mode": 0,
+    }
+    return Episode(condition, seed, seed % 10, EpisodeOutcome(**values))
+
+
+def rows(method, scale, placed, first=50_000, weights="abc"):
+    """Episodes of which the first are placed as told."""
+    condition = dataclasses.replace(CONDITION, method=method, guidance_scale=scale, checkpoint_hash=weights)
+    return [episode(first + i, p2=p2, condition=condition).row() for i, p2 in enumerate(placed)]
+
+
+def test_scales_double_and_every_method_has_some():
+    assert set(scales.FIRST) == set(METHODS) - {"direct"}
+    for method in scales.FIRST:
+        values = scales.scales(method, 9)
+        np.testing.assert_array_equal(np.divide(values[1:], values[:-1]), 2)
+        assert len(values) == (5 if METHODS[method].counts else 9)
+
+
+def test_the_table_is_what_counting_by_hand_gives():
+    episodes = pd.DataFrame(
+        rows("direct", 0.0, [1, 0, 0, 1]) + rows("direct", 0.0, [0, 0, 0, 0], weights="other")
+        + rows("paper", 0.5, [1, 1, 0, 0]) + rows("paper", 0.5, [1, 1, 0, 0], weights="other")
+        + rows("paper", 1.0, [1, 1, 1, 1]) + rows("paper", 1.0, [0, 0, 0, 0], weights="other")
+    )  # fmt: skip
+    table = scales.scale_table(episodes).set_index(["method", "lambda"])
+    paper = table.loc["paper", 0.5]
+    assert (paper.n, paper.p2, paper.checkpoints) == (8, 0.5, 2)
+    assert paper.p2_difference == pytest.approx(0.5 - 0.25)  # Not what pairing by the episode alone would give.
+    assert paper.p2_difference_low < 0.25 < paper.p2_difference_high
+    assert table.chosen.to_dict() == {("direct", 0.0): True, ("paper", 0.5): True, ("paper", 1.0): False}  # a tie
+    text = scales.markdown(table.reset_index())
+    assert "## ur3, embodied" in text and "| paper" in text and "+25.0" in text
+
+
+@pytest.fixture
+def simulated(monkeypatch):
+    """Episodes without simulation: a push of 0.1 or more spoils them all. Notes which ones are run."""
+    ran = []
+
+    def roll_out_all(jobs, workers):
+        for job, seeds in jobs:
+            push = job.condition.guidance_scale
+            ran.extend((job.condition.method, push, seed) for seed in seeds)
+            yield [episode(seed, p2=push < 0.1, condition=job.condition) for seed in seeds]
+
+    monkeypatch.setattr(rollout, "roll_out_all", roll_out_all)
+    path = np.random.default_rng(0).uniform([0.2, -0.4, 0], [0.5, 0.2, 0], (300, 3))
+    monkeypatch.setattr(field_sensitivity, "demonstrated_path", lambda *_: path)
+    return ran
+
+
+def settings(folder, **fields):
+    methods = {"methods": ["away", "towards"], "seeds": [42], "episodes": 4, **fields}
+    return ScalesConfig(robot=RobotConfig("ur3"), output_dir=str(folder), device="cpu", **methods)
+
+
+def test_a_sweep_ends_where_the_policy_collapses_and_all_points_share_their_episodes(simulated, tmp_path, capsys):
+    scales.main(settings(tmp_path))
+    assert "19 points (direct transfer and 2 methods) x 1 checkpoints x 4 episodes = 76 episodes" in " ".join(
+        capsys.readouterr().out.split()
+    )
+    table = read_episodes(tmp_path)
+    for method in ("away", "towards"):
+        assert sorted(table[table.method == method]["lambda"].unique()) == [0.0125, 0.025, 0.05, 0.1]
+    points = table.groupby(["method", "lambda"]).episode_seed.agg(sorted)
+    assert all(seeds == [50_000, 50_001, 50_002, 50_003] for seeds in points)
+    assert "| towards" in (tmp_path / "scales.md").read_text()
+    for name in ("success_against_scale", "fields"):
+        image = np.asarray(Image.open(tmp_path / "figures" / f"ur3_embodied_{name}.png").convert("L"))
+        assert min(image.shape) > 200 and image.std() > 5  # no blank page
+
+
+def test_what_is_stored_is_not_run_again(simulated, tmp_path):
+    scales.main(settings(tmp_path, methods=["towards"], points=2))
+    before = list(simulated)
+    simulated.clear()
+    scales.main(settings(tmp_path, methods=["towards"], points=2, episodes=5))
+    assert simulated == [(method, scale, 50_004) for method, scale in dict.fromkeys(run[:2] for run in before)]
+
+
+def test_scales_are_chosen_on_validation_episodes_only():
+    with pytest.raises(SettingError, match="seed_start=100000 is not allowed. Allowed: from 50000"):
+        ScalesConfig(robot=RobotConfig("ur3"), seed_start=100_000)
+    with pytest.raises(SettingError, match="methods=direct is not allowed. Allowed: paper, away"):
+        ScalesConfig(robot=RobotConfig("ur3"), methods=["direct"])
