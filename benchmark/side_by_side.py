@@ -11,7 +11,7 @@ from benchmark.train import TrainConfig, train
 from richmap.worker import start_worker
 
 REPORT_EVERY = 10
-"""Steps between two movements of a bar."""
+"""Steps between two movements of the bar."""
 
 
 def train_all(configs: Sequence[TrainConfig], workers: int) -> None:
@@ -31,13 +31,14 @@ def train_all(configs: Sequence[TrainConfig], workers: int) -> None:
         ProcessPoolExecutor(min(workers, len(missing)), context, start_worker) as pool,
     ):
         reports = manager.Queue()
-        bars = [progress.add_task(f"Training, seed {config.seed}", total=config.steps) for config in missing]
-        futures = [pool.submit(_train, config, bar, reports) for config, bar in zip(missing, bars, strict=True)]
+        bar = progress.add_task(f"Training {len(missing)} policies", total=sum(config.steps for config in missing))
+        futures = [pool.submit(_train, config, i, reports) for i, config in enumerate(missing)]
+        steps = [0] * len(missing)
         try:
             while wait(futures, timeout=0).not_done:
                 try:
-                    bar, step = reports.get(timeout=1)
-                    progress.update(bar, completed=step)
+                    i, steps[i] = reports.get(timeout=1)
+                    progress.update(bar, completed=sum(steps))
                 except Empty:
                     pass
                 for future in wait(futures, timeout=0).done:
@@ -52,11 +53,11 @@ def finished(config: TrainConfig) -> bool:
     return not config.states.exists() and all(path.exists() for path in config.checkpoints.values())
 
 
-def _train(config: TrainConfig, bar: int, reports: "Queue[tuple[int, int]]") -> None:
-    """Worker: one training."""
+def _train(config: TrainConfig, i: int, reports: "Queue[tuple[int, int]]") -> None:
+    """Worker: the training of this number; reports its steps."""
 
     def report(step: int, loss: float) -> None:
         if step % REPORT_EVERY == 0 or step == config.steps:
-            reports.put((bar, step))
+            reports.put((i, step))
 
     train(config, report)

@@ -9,6 +9,7 @@ from lerobot.datasets import LeRobotDataset
 from benchmark.collect import CollectConfig, collect
 from benchmark.command import SettingError
 from benchmark.demonstration import Demonstration, demonstrate, pack, source_env, unpack
+from benchmark.run import checkpoint_folder
 
 KINDS = ("clean", "noise", "bursts", "wide")
 
@@ -60,6 +61,30 @@ def test_a_demonstration_depends_on_its_seed_alone(kind):
     assert np.array_equal(once.observations, again.observations)
     assert np.array_equal(once.actions, again.actions)
     assert once.successes[-1] and not once.successes[:-1].any()
+
+
+def test_a_policy_drives_and_the_oracle_labels():
+    env = source_env()
+    driven = demonstrate(env, 3, "on_policy", driver=checkpoint_folder(42))
+    again = demonstrate(env, 3, "on_policy", driver=checkpoint_folder(42))
+    assert np.array_equal(driven.observations, again.observations) and driven.successes[-1]
+    executed = np.diff(driven.observations[:, 8:10], axis=0)
+    led_away = np.linalg.norm(executed - driven.actions[:-1], axis=1) > 1e-4
+    assert 0.1 < led_away.mean() < 0.9
+
+
+def test_without_bursts_only_noise_is_left():
+    env = source_env()
+    driven = demonstrate(env, 3, "bursts", burst_probability=0.0)
+    wrong = np.diff(driven.observations[:, 8:10], axis=0) - driven.actions[:-1]
+    assert 0.1 < (np.abs(wrong).max(axis=1) > 1e-5).mean() < 0.3
+
+
+def test_a_driver_goes_with_its_share():
+    with pytest.raises(SettingError, match="driver= is not allowed"):
+        CollectConfig(share_on_policy=0.1)
+    with pytest.raises(SettingError, match="driver=somewhere is not allowed"):
+        CollectConfig(driver="somewhere")
 
 
 def test_packing_keeps_every_episode():

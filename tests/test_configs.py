@@ -9,6 +9,7 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
 from benchmark import command
+from benchmark.ablation import AblationConfig
 from benchmark.collect import CollectConfig
 from benchmark.config import (
     ApproximateIkConfig,
@@ -42,6 +43,7 @@ SCHEMAS = {
     "lerobot_agreement": LerobotAgreementConfig,
     "collect": CollectConfig,
     "train": TrainConfig,
+    "ablation": AblationConfig,
     "source_policies": SourcePoliciesConfig,
     "self_collision": SelfCollisionConfig,
     "speed": SpeedConfig,

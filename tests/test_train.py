@@ -17,6 +17,7 @@ from benchmark.demonstration import Demonstration
 from benchmark.demonstration_dataset import write_dataset
 from benchmark.demonstration_tensors import DemonstrationTensors, load_demonstrations
 from benchmark.rollout import code_version
+from benchmark.side_by_side import train_all
 from benchmark.train import TrainConfig, train
 from policies.configuration_guided_push import GuidedPushConfig
 from policies.modeling_guided_push import GuidedPushPolicy
@@ -90,6 +91,37 @@ def test_a_checkpoint_loads_and_says_how_it_was_made(root, tmp_path):
     assert postprocess(policy.select_action(preprocess(observation))).shape == (1, 2)
     card = (checkpoint / "README.md").read_text()
     assert "2 clean" in card and '"seed": 43' in card and "maximum 0.03 m" in card
+
+
+def test_kept_steps_are_policies_of_one_training(root, tmp_path):
+    half, last = train(config(root, tmp_path, keep=[2, 4]))
+    assert (half.name, last.name) == ("seed42-step2", "seed42-step4")
+    (alone,) = train(config(root, tmp_path / "alone"))
+    weights = [(folder / "model.safetensors").read_bytes() for folder in (half, last, alone)]
+    assert weights[1] == weights[2] != weights[0]
+
+
+def test_a_run_killed_before_its_checkpoint_appeared_publishes_it(root, tmp_path, monkeypatch):
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr("benchmark.model_card.write_model_card", interrupt)
+        train(config(root, tmp_path, keep=[2, 4]))
+    assert not (tmp_path / "seed42-step2").exists()
+    train(config(root, tmp_path, keep=[2, 4]))
+    assert (tmp_path / "seed42-step2" / "model.safetensors").exists()
+
+
+def interrupt(*args):
+    raise KeyboardInterrupt
+
+
+def test_side_by_side_is_one_by_one(root, tmp_path):
+    together = [config(root, tmp_path / "together", seed=seed) for seed in (1, 2)]
+    train_all(together, workers=2)
+    train_all(together, workers=2)  # What is there is not trained again.
+    for seed in (1, 2):
+        (alone,) = train(config(root, tmp_path / "alone", seed=seed))
+        (other,) = together[seed - 1].checkpoints.values()
+        assert (other / "model.safetensors").read_bytes() == (alone / "model.safetensors").read_bytes()
 
 
 def test_a_checkpoint_is_never_overwritten(root, tmp_path):

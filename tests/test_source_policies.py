@@ -1,0 +1,79 @@
+"""From nothing to the best checkpoints: choice, names, and what a second run leaves alone."""
+
+import pandas as pd
+import pytest
+
+from benchmark.command import SettingError
+from benchmark.source_policies import SourcePoliciesConfig, markdown, publish, ranking, trainings
+
+
+def candidates(folder, *scores):
+    """A table of candidates with these (p2, score, length), each with weights of its own."""
+    rows = []
+    for i, (p2, score, length) in enumerate(scores):
+        path = folder / f"seed42-step{i}"
+        path.mkdir()
+        (path / "model.safetensors").write_bytes(bytes([i]))
+        (path / "README.md").write_text(f"# Source policy `{path.name}`\n")
+        rows.append(
+            {"seed": 42, "step": i, "path": path, "hash": str(i), "n": 10, "length": length, "p1": 1.0, "p2": p2}
+            | {"score": score, "success_at_end": p2}
+        )
+    return pd.DataFrame(rows)
+
+
+@pytest.fixture
+def config(tmp_path):
+    return SourcePoliciesConfig(output_dir=str(tmp_path / "out"), candidates=[1, 2, 3, 4], best=2)
+
+
+def test_the_best_are_ranked_by_p2_then_score_then_length(tmp_path):
+    table = candidates(tmp_path, (0.9, 0.95, 100), (1.0, 1.0, 120), (0.9, 0.95, 90), (0.9, 0.91, 80))
+    named = ranking(table, 3).set_index("step").checkpoint
+    assert named.to_dict() == {1: "seed42-1", 2: "seed42-2", 0: "seed42-3", 3: ""}
+
+
+def test_the_best_are_published_under_their_names_with_their_figures(tmp_path, config):
+    table = ranking(candidates(tmp_path, (0.9, 0.95, 100), (1.0, 1.0, 120), (0.8, 0.9, 90)), 2)
+    publish(table, config)
+    publish(table, config)  # Once more changes nothing.
+    assert (config.folder / "seed42-1" / "model.safetensors").read_bytes() == bytes([1])
+    assert (config.folder / "seed42-2" / "model.safetensors").read_bytes() == bytes([0])
+    card = (config.folder / "seed42-1" / "README.md").read_text()
+    assert "`seed42-1`" in card and "in 10 of 10 episodes" in card
+    assert sorted(path.name for path in config.folder.iterdir()) == ["seed42-1", "seed42-2"]
+
+
+def test_another_policy_of_that_name_is_never_overwritten(tmp_path, config):
+    table = ranking(candidates(tmp_path, (0.9, 0.95, 100), (1.0, 1.0, 120)), 2)
+    other = config.folder / "seed42-1"
+    other.mkdir(parents=True)
+    (other / "model.safetensors").write_bytes(b"another")
+    with pytest.raises(SettingError, match="seed42-1 holds another policy. Delete it or choose another output_dir"):
+        publish(table, config)
+
+
+def test_the_table_names_every_candidate(tmp_path, config):
+    text = markdown(ranking(candidates(tmp_path, (0.9, 0.95, 100), (1.0, 1.0, 120)), 1), config)
+    assert "| seed42-1 " in text and "90.0 [59.6, 98.2]" in text
+
+
+def test_every_seed_trains_on_the_recipes_data():
+    config = SourcePoliciesConfig(recipe="clean")
+    assert [training.seed for training in trainings(config)] == [42, 43, 44]
+    data = trainings(config)[0].demonstrations
+    assert data.share_noise == data.share_bursts == data.share_wide == data.share_on_policy == 0
+
+
+@pytest.mark.parametrize(
+    "fields", [{"recipe": "best"}, {"candidates": [9001]}, {"best": 5}, {"seeds": []}, {"episodes": 0}]
+)
+def test_impossible_settings_are_refused(fields):
+    with pytest.raises(SettingError, match="is not allowed. Allowed"):
+        SourcePoliciesConfig(**fields)
+
+
+def test_candidates_are_the_same_policy_whatever_is_kept(tmp_path):
+    kept, last = (SourcePoliciesConfig(candidates=steps, best=1) for steps in ([8000, 9000], [9000]))
+    assert trainings(kept)[0].states == trainings(last)[0].states
+    assert trainings(kept)[0].checkpoints[9000] == trainings(last)[0].checkpoints[9000]
