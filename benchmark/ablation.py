@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from benchmark.collect import CollectConfig
 from benchmark.command import check_setting, run_command
 from benchmark.config import RobotConfig, RunConfig, check_folder, check_seeds
-from benchmark.run import CHECKPOINTS, make_rollout, run_and_store
+from benchmark.run import CHECKPOINTS, make_rollout, run_and_store_all
 from benchmark.train import TrainConfig
 
 if TYPE_CHECKING:
@@ -188,8 +188,8 @@ def evaluate(name: str, config: AblationConfig, console: "Console") -> "pd.DataF
         output_dir=str(Path(config.output_dir) / "ablation" / name),
     )
     paths = [checkpoint(name, seed, config) for seed in config.seeds]
-    tables = [run_and_store(make_rollout(run, 0.0, path, console), run, console) for path in paths]
-    return pd.concat(tables, ignore_index=True).assign(variant=name)
+    rollouts = [make_rollout(run, 0.0, path, console) for path in paths]
+    return pd.concat(run_and_store_all(rollouts, run, name, console), ignore_index=True).assign(variant=name)
 
 
 def summary(episodes: "pd.DataFrame") -> "pd.DataFrame":

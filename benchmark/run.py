@@ -4,6 +4,7 @@ python -m benchmark.run robot=ur3 lambda=0.5
 python -m benchmark.run robot=ur3 method=projection lambda=0.01
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -139,23 +140,36 @@ def guidance_field(
 
 def run_and_store(rollout: "Rollout", config: RunConfig, console: "Console") -> "pd.DataFrame":
     """Rows of all episodes of a rollout: the stored ones, and the rest run and stored batch by batch."""
+    condition = rollout.condition
+    name = f"{condition.robot}, {condition.method}, lambda {condition.guidance_scale:g}"
+    (table,) = run_and_store_all([rollout], config, name, console)
+    return table
+
+
+def run_and_store_all(
+    rollouts: "Sequence[Rollout]", config: RunConfig, name: str, console: "Console"
+) -> "list[pd.DataFrame]":
+    """The same for several rollouts, one after another under one progress bar of this name."""
     from benchmark.progress import progress_bar
     from benchmark.results import episodes_of, read_episodes, store_episodes
-    from benchmark.rollout import roll_out
+    from benchmark.rollout import roll_out_all
 
-    output_dir, condition = Path(config.output_dir), rollout.condition
+    output_dir = Path(config.output_dir)
     seeds = range(config.seed_start, config.seed_start + config.episodes)
-    stored = set(episodes_of(read_episodes(output_dir), condition).get("episode_seed", []))
-    missing = [seed for seed in seeds if seed not in stored]
+
+    def stored() -> "list[pd.DataFrame]":
+        table = read_episodes(output_dir)
+        table = table if table.empty else table[table.episode_seed.isin(seeds)]
+        return [episodes_of(table, rollout.condition) for rollout in rollouts]
+
+    missing = [sorted({*seeds} - {*table.get("episode_seed", [])}) for table in stored()]
+    total = len(rollouts) * len(seeds)
     with progress_bar(console) as progress:
-        done = len(seeds) - len(missing)
-        name = f"{condition.robot}, {condition.method}, lambda {condition.guidance_scale:g}"
-        task = progress.add_task(name, total=len(seeds), completed=done)
-        for episodes in roll_out(rollout, missing, config.workers):
+        task = progress.add_task(name, total=total, completed=total - sum(map(len, missing)))
+        for episodes in roll_out_all(zip(rollouts, missing, strict=True), config.workers):
             store_episodes(output_dir, episodes)
             progress.advance(task, len(episodes))
-    table = episodes_of(read_episodes(output_dir), condition)
-    return table[table.episode_seed.isin(seeds)]
+    return stored()
 
 
 if __name__ == "__main__":

@@ -108,28 +108,30 @@ def validate(config: SourcePoliciesConfig, console: "Console") -> "pd.DataFrame"
     """Scores of every candidate on the validation episodes: one row each, with its seed, step, folder and hash."""
     import pandas as pd
 
-    from benchmark.run import make_rollout, run_and_store
+    from benchmark.run import make_rollout, run_and_store_all
 
-    rows = []
-    for training in trainings(config):
-        run = RunConfig(
-            robot=RobotConfig("xarm6"),
-            seed=training.seed,
-            episodes=config.episodes,
-            seed_start=config.seed_start,
-            device=config.device,
-            workers=config.workers,
-            output_dir=str(config.folder),
-        )
-        for step, path in training.checkpoints.items():
-            rollout = make_rollout(run, 0.0, path, console)
-            episodes = run_and_store(rollout, run, console)
-            rows.append(
-                {"seed": training.seed, "step": step, "path": path, "hash": rollout.condition.checkpoint_hash}
-                | {"n": len(episodes), "length": episodes.length.mean()}
-                | {name: episodes[name].astype(float).mean() for name in ("p1", "p2", "score", "success_at_end")}
-            )
-    return pd.DataFrame(rows)
+    run = RunConfig(
+        robot=RobotConfig("xarm6"),
+        episodes=config.episodes,
+        seed_start=config.seed_start,
+        device=config.device,
+        workers=config.workers,
+        output_dir=str(config.folder),
+    )
+    candidates = [
+        {"seed": training.seed, "step": step, "path": path}
+        for training in trainings(config)
+        for step, path in training.checkpoints.items()
+    ]
+    rollouts = [make_rollout(run, 0.0, candidate["path"], console) for candidate in candidates]
+    tables = run_and_store_all(rollouts, run, f"{len(rollouts)} candidates", console)
+    return pd.DataFrame(
+        [
+            {**candidate, "hash": rollout.condition.checkpoint_hash, "n": len(table), "length": table.length.mean()}
+            | {name: table[name].astype(float).mean() for name in ("p1", "p2", "score", "success_at_end")}
+            for candidate, rollout, table in zip(candidates, rollouts, tables, strict=True)
+        ]
+    )
 
 
 def ranking(candidates: "pd.DataFrame", best: int) -> "pd.DataFrame":

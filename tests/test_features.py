@@ -54,9 +54,8 @@ def test_pair_features_are_the_oracles_geometry():
     state[..., 0:2] = state[..., 2:4] = block - 0.05 * heading
     pair = observation_features(state, environment, "pair")[:, feature_count(1) :]
     shapes = [(2, 2, 2), (2, 2), (2, 2), *[(2, 2, 2)] * 6]
-    parts = [
-        part.view(shape) for part, shape in zip(pair[0].split([math.prod(s) for s in shapes]), shapes, strict=True)
-    ]
+    parts = pair[0].split([math.prod(shape) for shape in shapes])
+    parts = [part.view(shape) for part, shape in zip(parts, shapes, strict=True)]
     torch.testing.assert_close(parts[0][0, 0], heading)
     assert parts[1][0, 0] == pytest.approx(0, abs=1e-5) and parts[2][0, 0] == pytest.approx(1)
     torch.testing.assert_close(parts[3][0, 0], torch.zeros(2), atol=1e-6, rtol=0)
