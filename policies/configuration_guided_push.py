@@ -66,6 +66,9 @@ class GuidedPushConfig(DiffusionConfig):
     """Noise levels drawn per observation in training: the trunk runs once for all of them."""
     permute: bool = True
     """Relabel blocks and targets at random in training: an exact symmetry of the task."""
+    displacement: float = 0.0
+    """Standard deviation per axis of a displacement of the effector in training, which the first action makes up for, in
+    [m] (`policies.features.displace`): clean demonstrations show no way back."""
     average_decay: float = 0.9995
     """Decay per step of the moving average of the weights; checkpoints hold the average."""
     optimizer_lr: float = 1e-3
@@ -88,6 +91,8 @@ class GuidedPushConfig(DiffusionConfig):
             )
         if self.features not in KINDS:
             raise ValueError(f"features={self.features!r} is not one of {', '.join(KINDS)}.")
+        if self.displacement < 0:
+            raise ValueError(f"displacement must be at least 0 m. Got {self.displacement}.")
         if not math.isfinite(self.guidance_scale):
             raise ValueError(f"guidance_scale must be a finite number. Got {self.guidance_scale}.")
         if self.guidance not in METHODS:

@@ -41,6 +41,17 @@ def permute(
     )
 
 
+def displace(
+    state: Float[Tensor, "b t 4"], action: Float[Tensor, "b h 2"], offset: Float[Tensor, "b 2"]
+) -> tuple[Float[Tensor, "b t 4"], Float[Tensor, "b h 2"]]:
+    """The effector elsewhere by an offset in [m], and the first action making up for it: it ends where it ended before.
+
+    Not a symmetry, but what the oracle would do wherever its goal is within one step, as it is while it pushes.
+    """
+    back = torch.cat([action[:, :1] - offset[:, None], action[:, 1:]], dim=1)
+    return state + offset.repeat(1, 2)[:, None], back
+
+
 def observation_features(
     state: Float[Tensor, "b t 4"], environment: Float[Tensor, "b t 12"], kind: str = "relative"
 ) -> Float[Tensor, "b features"]:

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from policies.configuration_guided_push import GuidedPushConfig
 from policies.denoiser import DenoisingHead, Trunk
-from policies.features import feature_count, observation_features, permute
+from policies.features import displace, feature_count, observation_features, permute
 from policies.guidance import Guidance
 
 
@@ -151,6 +151,10 @@ class GuidedDiffusion(DiffusionModel):
         if self.training and self.config.permute:
             swap = torch.rand(2, len(batch[ACTION]), device=batch[ACTION].device) < 0.5
             batch = {**batch, OBS_ENV_STATE: permute(batch[OBS_ENV_STATE], swap[0], swap[1])}
+        if self.training and self.config.displacement > 0:
+            offset = self.config.displacement * torch.randn_like(batch[ACTION][:, 0])
+            state, action = displace(batch[OBS_STATE], batch[ACTION], offset)
+            batch = {**batch, OBS_STATE: state, ACTION: action}
         draws = self.config.noise_draws
         condition = self._prepare_global_conditioning(batch).repeat_interleave(draws, dim=0)
         clean = (batch[ACTION] / self.config.action_unit).clamp(-1, 1).repeat_interleave(draws, dim=0)

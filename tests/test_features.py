@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from policies.features import KINDS, feature_count, observation_features, permute
+from policies.features import KINDS, displace, feature_count, observation_features, permute
 
 YES, NO = torch.ones(5, dtype=torch.bool), torch.zeros(5, dtype=torch.bool)
 
@@ -104,6 +104,16 @@ def test_the_yaw_of_a_target_is_not_seen(observation):
     turned = environment.clone()
     turned[..., [8, 11]] += 0.1
     assert torch.equal(observation_features(state, turned), observation_features(state, environment))
+
+
+def test_a_displaced_effector_goes_where_it_went(observation):
+    state, _ = observation
+    generator = torch.Generator().manual_seed(1)
+    action, offset = torch.rand(5, 4, 2, generator=generator), torch.rand(5, 2, generator=generator)
+    displaced, back = displace(state, action, offset)
+    torch.testing.assert_close(displaced[:, -1, 2:] + back[:, 0], state[:, -1, 2:] + action[:, 0])
+    torch.testing.assert_close(displaced[..., :2] - displaced[..., 2:], state[..., :2] - state[..., 2:])
+    assert torch.equal(back[:, 1:], action[:, 1:])
 
 
 def test_one_observation_is_enough():
