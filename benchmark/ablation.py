@@ -15,6 +15,7 @@ from benchmark.collect import CollectConfig
 from benchmark.command import check_setting, run_command
 from benchmark.config import RobotConfig, RunConfig, check_folder, check_seeds
 from benchmark.run import CHECKPOINTS, make_rollout, run_and_store_all
+from benchmark.source_policies import CLEAN
 from benchmark.train import TrainConfig
 
 if TYPE_CHECKING:
@@ -59,7 +60,8 @@ VARIANTS = {
         "an earlier policy drives in 15 % of the episodes, in place of bursts",
         _data("on_policy", share_bursts=0.25, share_on_policy=0.15, driver=str(CHECKPOINTS[0] / "seed42-1")),
     ),
-    "clean": Variant("undisturbed demonstrations alone", _data("clean", share_noise=0, share_bursts=0, share_wide=0)),
+    "clean": Variant("undisturbed demonstrations alone", CLEAN),
+    "clean_displaced": Variant("the same, and the effector displaced in training", CLEAN, {"displacement": 0.005}),
     "no_permutation": Variant("blocks and targets not relabelled", policy={"permute": False}),
     "x0": Variant("the network predicts the actions, not the noise", policy={"prediction_type": "sample"}),
     "n_obs_1": Variant("one observation, not three", policy={"n_obs_steps": 1}),

@@ -12,7 +12,7 @@ A guided diffusion policy (LeRobot policy type `guided_push`) for pushing two bl
 - Demonstrations: {episodes} episodes of the scripted oracle, {frames} frames: {kinds}.
   Labels are always the oracle's actions. In all kinds but `clean` another action is executed now and then,
   and `wide` starts from scenes all over the table: those are not the task's published demonstrations.
-- Augmentation: the task's exact permutations of blocks and targets.
+- Augmentation: {augmentation}.
 - Training: {step} of {steps} steps of {batch_size} observations, seed {seed}, {precision} products on {device}.
 - Action unit: 1 in the network is {action_unit} m; actions lie between -1 and 1 (minimum -{action_unit} m,
   maximum {action_unit} m on both axes).

@@ -5,6 +5,7 @@ python -m benchmark.source_policies
 
 import os
 import shutil
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,11 +19,20 @@ if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
 
-DEMONSTRATIONS = {
-    "robust": CollectConfig(),
-    "clean": CollectConfig(share_noise=0, share_bursts=0, share_wide=0, output_dir="demonstrations/clean"),
-}
-"""What policies learn from: mostly disturbed episodes, or undisturbed ones alone, like the published data."""
+
+@dataclass(frozen=True)
+class Recipe:
+    """What policies learn from, and how."""
+
+    demonstrations: CollectConfig
+    policy: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of `GuidedPushConfig` that differ from its defaults."""
+
+
+CLEAN = CollectConfig(share_noise=0, share_bursts=0, share_wide=0, output_dir="demonstrations/clean")
+
+RECIPES = {"robust": Recipe(CollectConfig()), "clean": Recipe(CLEAN, {"displacement": 0.005})}
+"""From mostly disturbed episodes, or from undisturbed ones alone, like the published data."""
 
 
 @dataclass
@@ -46,7 +56,7 @@ class SourcePoliciesConfig:
     device: str = "cpu"
     """Where policies are trained and run: cpu or cuda."""
     policy: dict[str, Any] = field(default_factory=dict)
-    """Fields of `GuidedPushConfig` that differ from its defaults."""
+    """Fields of `GuidedPushConfig` that differ from the recipe's."""
     output_dir: str = "outputs/source_policies"
     """Folder that gets a folder named after the recipe."""
     workers: int = 2
@@ -54,7 +64,7 @@ class SourcePoliciesConfig:
     wandb: WandbConfig = field(default_factory=WandbConfig)
 
     def __post_init__(self) -> None:
-        check_setting(self.recipe in DEMONSTRATIONS, "recipe", self.recipe, ", ".join(DEMONSTRATIONS))
+        check_setting(self.recipe in RECIPES, "recipe", self.recipe, ", ".join(RECIPES))
         check_setting(bool(self.seeds) and min(self.seeds) >= 0, "seeds", self.seeds, "whole numbers >= 0")
         within = bool(self.candidates) and 1 <= min(self.candidates) <= max(self.candidates) <= self.steps
         check_setting(within, "candidates", self.candidates, f"steps from 1 to {self.steps}")
@@ -95,8 +105,8 @@ def trainings(config: SourcePoliciesConfig) -> list[TrainConfig]:
             steps=config.steps,
             device=config.device,
             keep=config.candidates,
-            policy=config.policy,
-            demonstrations=DEMONSTRATIONS[config.recipe],
+            policy={**RECIPES[config.recipe].policy, **config.policy},
+            demonstrations=RECIPES[config.recipe].demonstrations,
             output_dir=str(config.folder / "candidates"),
             wandb=config.wandb,
         )

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from lerobot.utils.logging_utils import MetricsTracker
 
     from benchmark.demonstration_tensors import DemonstrationTensors
+    from policies.configuration_guided_push import GuidedPushConfig
 
 
 LOG_EVERY = 50
@@ -211,6 +212,7 @@ def _publish(
         "frames": demonstrations.n_frames,
         "kinds": ", ".join(f"{count} {kind}" for kind, count in demonstrations.kinds.items()),
         "step": step,
+        "augmentation": _augmentation(policy),
         "action_unit": policy.action_unit,
         "sampler": policy.noise_scheduler_type,
         "sampling_steps": policy.num_inference_steps,
@@ -222,6 +224,14 @@ def _publish(
     values = {key: value for key, value in asdict(config).items() if key != "wandb"}
     write_model_card(partial, checkpoint.name, {**facts, **values}, values)
     os.replace(partial, checkpoint)
+
+
+def _augmentation(policy: "GuidedPushConfig") -> str:
+    kinds = {
+        "the task's exact permutations of blocks and targets": policy.permute,
+        f"the effector displaced by {1000 * policy.displacement:g} mm per axis": policy.displacement > 0,
+    }
+    return ", ".join(kind for kind, used in kinds.items() if used) or "none"
 
 
 def main(config: TrainConfig) -> None:

@@ -67,7 +67,7 @@ class GuidedPushConfig(DiffusionConfig):
     permute: bool = True
     """Relabel blocks and targets at random in training: an exact symmetry of the task."""
     displacement: float = 0.0
-    """Standard deviation per axis of a displacement of the effector in training, which the first action makes up for, in
+    """Standard deviation per axis of a displacement of the effector in training that the first action makes up for, in
     [m] (`policies.features.displace`): clean demonstrations show no way back."""
     average_decay: float = 0.9995
     """Decay per step of the moving average of the weights; checkpoints hold the average."""

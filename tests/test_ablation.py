@@ -27,7 +27,7 @@ def test_a_variant_changes_one_thing(name):
     variant = VARIANTS[name]
     changes = [bool(variant.policy), variant.demonstrations != CollectConfig(), variant.n_action_steps != 1]
     changes.append(variant.sampler != "DDIM")
-    assert sum(changes) == (name != "default")
+    assert sum(changes) == {"default": 0, "clean_displaced": 2}.get(name, 1)
     default = GuidedPushConfig(device="cpu")
     for key, value in variant.policy.items():
         assert getattr(default, key) != value
