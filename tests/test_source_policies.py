@@ -2,9 +2,11 @@
 
 import pandas as pd
 import pytest
+import wandb
 
 from benchmark.command import SettingError
-from benchmark.source_policies import SourcePoliciesConfig, markdown, publish, ranking, trainings
+from benchmark.config import WandbConfig
+from benchmark.source_policies import SourcePoliciesConfig, log_validation, markdown, publish, ranking, trainings
 
 
 def candidates(folder, *scores):
@@ -56,6 +58,17 @@ def test_another_policy_of_that_name_is_never_overwritten(tmp_path, config):
 def test_the_table_names_every_candidate(tmp_path, config):
     text = markdown(ranking(candidates(tmp_path, (0.9, 0.95, 100), (1.0, 1.0, 120)), 1), config)
     assert "| seed42-1 " in text and "90.0 [59.6, 98.2]" in text
+
+
+def test_validation_and_checkpoints_go_to_wandb(tmp_path, config):
+    table = ranking(candidates(tmp_path, (0.9, 0.95, 100), (1.0, 1.0, 120)), 1)
+    publish(table, config)
+    config.wandb = WandbConfig(mode="offline", folder=str(tmp_path))
+    log_validation(table, config)
+    wandb.teardown()  # Ends the process that writes the file.
+    (file,) = tmp_path.glob("wandb/offline-run-*/run-*.wandb")
+    written = file.read_bytes()
+    assert b"validation/p2" in written and b"robust-seed42-1" in written and b"robust-seed42-2" not in written
 
 
 def test_every_seed_trains_on_the_recipes_data():

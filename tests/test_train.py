@@ -8,11 +8,13 @@ import sys
 import numpy as np
 import pytest
 import torch
+import wandb
 from lerobot.datasets import LeRobotDataset
 from lerobot.policies import make_pre_post_processors
 
 from benchmark.collect import CollectConfig
 from benchmark.command import SettingError
+from benchmark.config import WandbConfig
 from benchmark.demonstration import Demonstration
 from benchmark.demonstration_dataset import write_dataset
 from benchmark.demonstration_tensors import DemonstrationTensors, load_demonstrations
@@ -122,6 +124,15 @@ def test_another_process_trains_the_same(root, tmp_path):
         (alone,) = train(config(root, tmp_path / "alone", seed=other.seed))
         (folder,) = other.checkpoints.values()
         assert (folder / "model.safetensors").read_bytes() == (alone / "model.safetensors").read_bytes()
+
+
+def test_loss_and_learning_rate_go_to_wandb(root, tmp_path, monkeypatch):
+    monkeypatch.setattr("benchmark.train.LOG_EVERY", 2)
+    train(config(root, tmp_path, wandb=WandbConfig(mode="offline", folder=str(tmp_path))))
+    wandb.teardown()  # Ends the process that writes the file.
+    (file,) = tmp_path.glob("wandb/offline-run-*/run-*.wandb")
+    written = file.read_bytes()
+    assert b"train/loss" in written and b"train/lr" in written
 
 
 def test_a_checkpoint_is_never_overwritten(root, tmp_path):
