@@ -106,7 +106,7 @@ def budget(config: ScalesConfig) -> str:
     return (
         f"At most {points} points (direct transfer and {len(config.methods)} methods) x {len(config.seeds)} "
         f"checkpoints x {config.episodes} episodes = {episodes} episodes; at about {EPISODE_SECONDS:g} s each on "
-        f"{config.workers} workers {hours:.1f} hours. What is stored is not run again; a method ends where it collapses."
+        f"{config.workers} workers {hours:.1f} hours. Stored ones are kept; a method ends where it collapses."
     )
 
 
