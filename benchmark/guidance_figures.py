@@ -67,7 +67,7 @@ def draw_fields(guidances: "dict[str, Guidance]", base: tuple[float, float], pat
         longest = length[visited].max() if length[visited].max() > 1e-3 * length.max() else length.max()
         moved = length > 0.02 * longest
         asked *= (np.minimum(length / longest, 1) / length)[:, None]
-        ax.plot(*path[:, :2].T, ",", color="0.75")
+        ax.plot(*path[:, :2].T, ".", color="0.7", markersize=1.5)
         ax.quiver(
             *points[moved].T, *asked[moved].T, angles="xy", scale_units="xy", scale=1 / SPACING, width=0.006,
             color="tab:blue",
