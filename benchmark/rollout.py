@@ -96,7 +96,7 @@ def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], No
 
     shape = rollout.condition.batch_shape
     seed_of = {seed % shape: seed for seed in seeds}
-    policy = _policy(rollout)
+    policy = load_policy(rollout)
     policy.reset()
     state, environment = np.zeros((shape, 4), np.float32), np.zeros((shape, 12), np.float32)
     environments = {slot: _environment(rollout.condition, slot, watch is not None) for slot in seed_of}
@@ -142,7 +142,8 @@ def _actions(
 
 
 @lru_cache(maxsize=1)
-def _policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
+def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
+    """The policy of a rollout, guided as its condition says, on the condition's device."""
     from lerobot.configs import PreTrainedConfig
 
     import policies.modeling_guided_push as modeling

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import gymnasium
+import mujoco
 import numpy as np
 from gymnasium import spaces
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from envs import MAX_EPISODE_STEPS
 from envs.arms import HEIGHT, ORIENTATION_WEIGHT, arm_setting, make_kinematics, start_posture
@@ -115,7 +116,7 @@ class BlockPushEnv(gymnasium.Env):
         self._simulation.place(scene, self._posture.joints)
         self._been_inside = np.zeros((2, 2), dtype=bool)
         self._steps = 0
-        state, info = self._state(), self._info((0.0, 0.0), success_at_end=False)
+        state, info = self._state(), self._info((0.0, 0.0), self._inside())
         return self._observe(state), info
 
     def step(self, action: Float[np.ndarray, "2"]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -127,10 +128,10 @@ class BlockPushEnv(gymnasium.Env):
         self._command = np.clip(self._command + step, WORKSPACE[0], WORKSPACE[1])
         self._advance()
         self._steps += 1
-        now = inside(self._simulation.blocks_xyz[:, :2], self._targets[:, :2])
+        now = self._inside()
         earned = rewards(self._been_inside, now)
         self._been_inside |= now
-        state, info = self._state(), self._info(earned, success_at_end=False)
+        state, info = self._state(), self._info(earned, now)
         if info["p2"]:
             info["success_at_end"] = self._stays_placed()
         return self._observe(state), sum(earned), info["p2"], False, info
@@ -149,6 +150,11 @@ class BlockPushEnv(gymnasium.Env):
             self._renderer.close()
             self._renderer = None
 
+    @property
+    def physics(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        """MuJoCo's model and its present state."""
+        return self._simulation.mj_model, self._simulation.mj_data
+
     def _advance(self) -> None:
         self._posture = self._kinematics.solve(np.array([*self._command, HEIGHT]), self._posture.joints)
         self._simulation.step(self._posture.joints)
@@ -156,7 +162,11 @@ class BlockPushEnv(gymnasium.Env):
     def _stays_placed(self) -> bool:
         for _ in range(round(HOLD * CONTROL_FREQUENCY)):
             self._advance()
-        return both_placed(inside(self._simulation.blocks_xyz[:, :2], self._targets[:, :2]))
+        return both_placed(self._inside())
+
+    def _inside(self) -> Bool[np.ndarray, "2 2"]:
+        """Which block (row) is in which target (column)."""
+        return inside(self._simulation.blocks_xyz[:, :2], self._targets[:, :2])
 
     def _posture_over(self, scene: Scene) -> Posture:
         """Joint angles over the scene's start, reached from the usual start in short steps: same branch."""
@@ -182,17 +192,16 @@ class BlockPushEnv(gymnasium.Env):
             return state
         return {"agent_pos": state[AGENT], "environment_state": np.delete(state, np.r_[AGENT])}
 
-    def _info(self, earned: tuple[float, float], success_at_end: bool) -> dict[str, Any]:
+    def _info(self, earned: tuple[float, float], now: Bool[np.ndarray, "2 2"]) -> dict[str, Any]:
         simulation = self._simulation
         flange, blocks = simulation.flange_xyz, simulation.blocks_xyz
-        now = inside(blocks[:, :2], self._targets[:, :2])
         p1, p2 = bool(self._been_inside.any()), both_placed(now)
         joints = simulation.joint_angles
         return {
             "is_success": p2,
             "p1": p1,
             "p2": p2,
-            "success_at_end": success_at_end,
+            "success_at_end": False,
             "score": score(p1, p2),
             "reward_entry": earned[0],
             "reward_both": earned[1],

@@ -81,21 +81,23 @@ class InverseKinematics:
         lower = np.maximum(self._lower, start - max_turn)
         upper = np.minimum(self._upper, start + max_turn)
         goal = np.asarray(point) - self._base
-        joints = np.clip(start, lower, upper)
-        error, damping = self._error(joints, goal), FIRST_DAMPING
-        self._linearise()
+        joints = _clipped(start, lower, upper)
+        error, damping, moved = self._error(joints, goal), FIRST_DAMPING, True
         for _ in range(iterations):
             size = float(error @ error)
             if size < CONVERGED**2:
                 break
+            if moved:
+                self._linearise()
             trial = joints + self._step(error, damping * size + LEAST_DAMPING**2, lower - joints, upper - joints)
             missing = self._error(trial, goal)
-            if missing @ missing < size:
+            moved = missing @ missing < size
+            if moved:
                 joints, error, damping = trial, missing, damping / 4
-                self._linearise()
             else:
                 damping *= 8
-        error = self._error(joints, goal)
+        if not moved:
+            error = self._error(joints, goal)
         down = -self._data.xmat[self._flange, 8]
         return Posture(joints, float(np.sqrt(error[:3] @ error[:3])), float(np.arccos(min(max(down, -1.0), 1.0))))
 
@@ -137,13 +139,20 @@ class InverseKinematics:
         """Damped least-squares step within bounds; the other joints take over what bounded ones leave."""
         jacobian = self._jacobian * self._row_weights
         free = _damped_least_squares(jacobian, error, damping)
-        step = np.clip(free, least, most)
+        step = _clipped(free, least, most)
         held = step != free
         if held.any():
             rest = error - jacobian[:, held] @ step[held]
             jacobian[:, held] = 0
-            step = np.where(held, step, np.clip(_damped_least_squares(jacobian, rest, damping), least, most))
+            step = np.where(held, step, _clipped(_damped_least_squares(jacobian, rest, damping), least, most))
         return step
+
+
+def _clipped(
+    values: Float[np.ndarray, " n"], least: Float[np.ndarray, " n"], most: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """`np.clip`, in half its time."""
+    return np.minimum(np.maximum(values, least), most)
 
 
 def _damped_least_squares(

@@ -16,6 +16,8 @@ from envs.workspace import CONTROL_FREQUENCY
 
 TIMESTEP = 0.002
 """Of the physics, in [s]; contacts of 10 g blocks want it short."""
+SUBSTEPS = round(1 / CONTROL_FREQUENCY / TIMESTEP)
+"""Of the physics per control step."""
 SERVO_FREQUENCY = 200.0
 """Natural frequency of the critically damped joint servos at the start posture, in [rad/s]: the tool follows
 its set point about 10 ms behind."""
@@ -148,7 +150,7 @@ class BlockPushSimulation(ManipulationEnv):
         robot = self.robots[0]
         robot.composite_controller.set_goal(action)
         robot.control(action)  # Not as a policy step, after which robosuite would update records that nothing reads.
-        mujoco.mj_step(self.mj_model, self.mj_data, round(1 / CONTROL_FREQUENCY / TIMESTEP))
+        mujoco.mj_step(self.mj_model, self.mj_data, SUBSTEPS)
         mujoco.mj_kinematics(self.mj_model, self.mj_data)
         if not np.isfinite(self.mj_data.qpos).all():
             raise FloatingPointError(f"The physics diverged at {self.mj_data.time:.1f} s; joint targets {action} rad.")

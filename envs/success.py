@@ -12,7 +12,8 @@ score."""
 
 def inside(blocks: Float[np.ndarray, "2 2"], targets: Float[np.ndarray, "2 2"]) -> Bool[np.ndarray, "2 2"]:
     """Which block (row) is in which target (column); xy in [m]."""
-    return np.linalg.norm(blocks[:, None] - targets[None], axis=-1) < SUCCESS_RADIUS
+    offset = blocks[:, None] - targets[None]
+    return np.sqrt((offset * offset).sum(-1)) < SUCCESS_RADIUS
 
 
 def both_placed(now: Bool[np.ndarray, "2 2"]) -> bool:

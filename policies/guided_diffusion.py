@@ -94,12 +94,13 @@ class GuidedDiffusion(DiffusionModel):
         if noise is None:
             noise = torch.randn(shape, generator=generator)
         noise = noise.to(global_cond).reshape(shape)
+        push = None if push is None else push[:, None]
         sample = noise[:, 0]
         for i, t in enumerate(self.noise_scheduler.timesteps):
             level = torch.full((batch_size,), int(t), device=sample.device)
             output = self.unet(sample, level, global_cond=global_cond)
             if push is not None:
-                output = self._pushed(output, push[:, None], int(t))
+                output = self._pushed(output, push, int(t))
             if descent is not None:
                 output = self._descended(output, sample, descent, int(t))
             sample = self.noise_scheduler.step(
@@ -112,7 +113,7 @@ class GuidedDiffusion(DiffusionModel):
             ).prev_sample
         return sample
 
-    def _pushed(self, output: Float[Tensor, "b t 2"], push: Float[Tensor, "b #t 2"], t: int) -> Float[Tensor, "b t 2"]:
+    def _pushed(self, output: Float[Tensor, "b t 2"], push: Float[Tensor, "b 1 2"], t: int) -> Float[Tensor, "b t 2"]:
         """Network output with the noise it stands for pushed; one that predicts x0 implies a noise."""
         if self.config.prediction_type == "epsilon":
             return output + push
