@@ -10,6 +10,9 @@ from jaxtyping import Float, Int
 WARP = 0.273
 """Faces of the cube are divided evenly in u (1 + WARP (1 - |u|)), within 0.3 degrees of even angles and cheap."""
 
+ROUNDING = 3e-7
+"""Cosines are computed in float32; with this much less than that of theta, none stored is nearer in truth."""
+
 CODE_STEPS = 65534
 """Steps in which a coordinate from -1 to 1 on a cube's face is coded; a direction moves by less than 2e-5 rad."""
 

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int, UInt
 
 from richmap.direction_index import BLOCKS, BLOCKS_PER_EDGE
 from richmap.directions import (
+    ROUNDING,
     bin_of,
     bin_on_face,
     bins_per_edge,
@@ -21,9 +22,6 @@ from richmap.directions import (
 )
 from richmap.grid import Grid
 from richmap.sampling import Orbits
-
-ROUNDING = 3e-7
-"""Cosines are computed in float32; with this much less than that of theta, none stored is nearer in truth."""
 
 FULL_CIRCLE = 1 << 16
 """Steps in a full circle of roll."""

@@ -10,8 +10,8 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from richmap.directions import ROUNDING
 from richmap.grid import Grid
-from richmap.insertion import ROUNDING
 from richmap.sampling import Orbits
 
 PRODUCTS = {"cpu": 1 << 22, "cuda": 1 << 28}
