@@ -2,9 +2,12 @@
 
 The first of these events to begin is the cause: a block tipped over, a block left for good where the pusher
 cannot get behind it, the tool tilted, or the arm lost its command, for a reason read off the steps in which
-it was lost. Without such an event the policy is the cause: it pushed a block out of a target again, dithered,
-or ran out of time.
+it was lost. A loss or a tilt that was made good does not count: the arm did as told again for ten seconds and a
+block moved in them. Without such an event the policy is the cause: it pushed a block out of a target again,
+dithered, or ran out of time.
 """
+
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -28,8 +31,8 @@ can no longer be touched from outside, so not be brought back."""
 STILL = 0.01
 """A block that moves less than this, in [m], is not being pushed."""
 PATIENCE = 100
-"""Steps at the end of an episode in which no block moved: ten seconds, half of them would finish a
-demonstration."""
+"""Ten seconds, in steps, half of which would finish a demonstration: without a block moving in the last ones the policy
+dithers; with one moving, and the arm doing as told, a loss or a tilt before them was made good."""
 
 CAUSES = (
     "outer_reach",
@@ -68,8 +71,8 @@ def _events(record: dict[str, np.ndarray], workspace: Float[np.ndarray, "2 2"]) 
     blocks = record["block_positions"][..., :2]  # (t, 2, 2)
     outside = ((blocks < workspace[0] - BEHIND) | (blocks > workspace[1] + BEHIND)).any(axis=(1, 2))
     tipped = (record["block_tilt"] > TIPPED).any(axis=1)
-    lost = _first_run(record["tracking_error"] > LOST)
-    tilted = _first_run(record["tool_tilt"] > TOOL_TILTED)
+    lost = _first_run(record["tracking_error"] > LOST, blocks)
+    tilted = _first_run(record["tool_tilt"] > TOOL_TILTED, blocks)
     return [
         (int(tipped.argmax()), "block_tipped") if tipped.any() else None,
         (_start_of_last_run(outside), "block_out_of_workspace") if outside[-1] else None,
@@ -112,11 +115,12 @@ def _policy_cause(record: dict[str, np.ndarray]) -> str:
     return "time_out"
 
 
-def _first_run(flags: Bool[np.ndarray, " t"]) -> slice | None:
-    """The first stretch of at least `LASTING` true flags."""
+def _first_run(flags: Bool[np.ndarray, " t"], blocks: Float[np.ndarray, "t 2 2"]) -> slice | None:
+    """The first stretch of at least `LASTING` true flags that was not made good before the next one or the end."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
-    for start, stop in edges.reshape(-1, 2):
-        if stop - start >= LASTING:
+    runs = [(start, stop) for start, stop in edges.reshape(-1, 2) if stop - start >= LASTING]
+    for (start, stop), (end, _) in pairwise([*runs, (len(flags), None)]):
+        if end - stop < PATIENCE or np.ptp(blocks[stop:end], axis=0).max() < STILL:
             return slice(int(start), int(stop))
     return None
 

@@ -1,10 +1,16 @@
 """Success, score and causes of failure, on episodes small enough to check by hand."""
 
+import functools
+from dataclasses import replace
+
+import gymnasium
 import numpy as np
 import pytest
 
+from envs import ENVIRONMENTS
 from envs.failure import CAUSES
 from envs.outcome import summarize
+from envs.scene import draw_scene
 from envs.success import both_placed, inside, rewards, score
 
 TARGETS = np.array([[0.28, 0.2], [0.52, 0.2]])
@@ -95,6 +101,74 @@ def test_the_first_of_two_faults_is_the_cause():
 def test_a_short_lag_is_nobodys_fault():
     short = {"tracking_error": lambda step: 0.03 if 10 < step < 18 else 0.002}
     assert summarize(episode(**short)).failure_cause == "dithering"
+
+
+def test_a_loss_made_good_is_not_the_cause():
+    """Lost for three seconds, then pushing blocks for half a minute."""
+    lost = {"tracking_error": lambda step: 0.03 if 10 < step < 40 else 0.002, "ik_residual": 0.03}
+    assert summarize(episode(**lost, block_positions=moving)).failure_cause == "time_out"
+    assert summarize(episode(**lost)).failure_cause == "ik_branch"  # Nothing moved after it.
+
+
+def test_of_losses_the_first_that_was_not_made_good_is_the_cause():
+    beyond, inside = CASES["outer_reach"], CASES["near_base_fold"]
+
+    def lost(step, key):
+        case = beyond if 20 < step < 40 else inside if step > 300 else CASES["dithering"]
+        return case.get(key, episode(1)[0][key])
+
+    keys = ("commanded", "flange", "tracking_error", "ik_residual")
+    changes = {key: functools.partial(lost, key=key) for key in keys}
+    assert summarize(episode(**changes, block_positions=moving)).failure_cause == "near_base_fold"
+
+
+def go(env, info, goal, steps, step=0.02):
+    """Infos of commands that go straight to a point and stay there."""
+    infos = [info]
+    for _ in range(steps):
+        way = np.array(goal) - infos[-1]["commanded"]
+        infos.append(env.step(way * min(1, step / max(np.linalg.norm(way), 1e-9)))[4])
+    return infos
+
+
+def scene(block, effector=(0.3, -0.4)):
+    usual = draw_scene(0)
+    return {"scene": replace(usual, block=np.array([*block, 0.0]), effector=np.array(effector))}
+
+
+SIMULATED = {  # Robot, its setting, the scene, and where the command goes.
+    "outer_reach": ("ur3", {}, None, (0.65, 0.0)),
+    "near_base_fold": ("ur10", {"setting": "original", "base": (0.1, 0.0, 0.0)}, None, (0.16, 0.0)),
+    "joint_limit": ("ur3", {"self_collision": False, "base": (0.05, 0.0, 0.0)}, None, (0.15, 0.0)),
+    "self_collision": ("ur10", {"wrist": "out"}, None, (0.25, 0.0)),
+    "tool_tilt": ("ur3", {"orientation_weight": 0.01}, None, (0.65, 0.0)),
+    "block_out_of_workspace": ("xarm6", {}, scene((0.45, 0.49), (0.45, 0.45)), (0.45, 0.5)),
+    "pushed_through": ("xarm6", {}, scene((0.284, 0.12), (0.284, 0.08)), (0.284, 0.32)),
+    "dithering": ("xarm6", {}, None, (0.3, -0.4)),
+}
+
+
+@pytest.mark.parametrize("cause", SIMULATED)
+def test_causes_are_told_in_the_simulation(cause):
+    robot, arguments, options, goal = SIMULATED[cause]
+    env = gymnasium.make(ENVIRONMENTS[robot], disable_env_checker=True, **arguments)
+    _, info = env.reset(seed=0, options=options)
+    assert summarize(go(env, info, goal, steps=110)).failure_cause == cause
+
+
+def test_time_runs_out_in_the_simulation_while_a_block_is_pushed():
+    env = gymnasium.make(ENVIRONMENTS["xarm6"], disable_env_checker=True)
+    _, info = env.reset(seed=0, options=scene((0.45, -0.1), (0.45, -0.13)))
+    assert summarize(go(env, info, (0.45, 0.05), steps=110, step=0.001)).failure_cause == "time_out"
+
+
+def test_a_tipped_block_is_seen_in_the_simulation():
+    env = gymnasium.make(ENVIRONMENTS["xarm6"], disable_env_checker=True)
+    _, info = env.reset(seed=0)
+    simulation = env.unwrapped._simulation
+    address = simulation.mj_model.joint("block_joint0").qposadr[0]
+    simulation.mj_data.qpos[address + 3 : address + 7] = np.sqrt([0.5, 0.5, 0, 0])  # A quarter turn about x.
+    assert summarize(go(env, info, (0.3, -0.4), steps=5)).failure_cause == "block_tipped"
 
 
 def test_first_entry_tells_block_target_and_time():
