@@ -20,6 +20,12 @@ SOURCE = "xarm6"
 TASK_ARMS = ("xarm6", "ur3", "ur5", "ur10")
 """The arms that do the block-push task (`envs.arms.ARMS`)."""
 
+SETTINGS = ("original", "embodied", "best")
+"""What an arm may do and where it stands (`envs.arms.SETTINGS`)."""
+
+ORACLES = ("plain", "aware")
+"""Scripted oracles (`envs.oracle`, `envs.aware_oracle`)."""
+
 
 @dataclass
 class RobotConfig:
@@ -199,7 +205,8 @@ class RunConfig:
     lambda=0."""
     setting: str = "embodied"
     """What the arm may do: embodied (joint limits and self-collision bind, wrist branch per arm) or original (neither
-    binds, wrist-out, as where only the arm is swapped in the original task)."""
+    binds, wrist-out, as where only the arm is swapped in the original task) or best (as embodied, base and wrist where
+    benchmark.place_bases finds the arm to reach the most)."""
     output_dir: str = "results"
     """Folder that results go to, such as episodes.parquet."""
     device: str = "auto"
@@ -235,7 +242,7 @@ class RunConfig:
         check_setting(covered, "map.half_width", self.map.half_width, "0.8 or more, so that the field covers the table")
         check_seeds(self.seed_start, self.episodes)
         check_folder(self.output_dir)
-        check_setting(self.setting in ("embodied", "original"), "setting", self.setting, "embodied, original")
+        check_setting(self.setting in SETTINGS, "setting", self.setting, ", ".join(SETTINGS))
         check_setting(self.device in ("cpu", "cuda", "auto"), "device", self.device, "cpu, cuda, auto")
         check_setting(self.sampler in ("DDIM", "DDPM"), "sampler", self.sampler, "DDIM, DDPM")
         steps = self.sampling_steps
@@ -331,7 +338,10 @@ class OracleConfig:
     robot: RobotConfig = field(default_factory=RobotConfig, metadata={"choices": TASK_ARMS})
     """Arm: xarm6, ur3, ur5 or ur10."""
     setting: str = "embodied"
-    """What the arm may do: embodied or original (see benchmark.run)."""
+    """What the arm may do: original, embodied or best (see benchmark.run)."""
+    oracle: str = "plain"
+    """Which oracle: plain (the original's, blind to the arm) or aware (pushes from where the arm can be; its score is
+    the arm's ceiling)."""
     episodes: int = 300
     """Number of episodes; a whole number >= 1."""
     seed_start: int = 50_000
@@ -348,7 +358,8 @@ class OracleConfig:
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         check_seeds(self.seed_start, self.episodes)
         check_folder(self.output_dir)
-        check_setting(self.setting in ("embodied", "original"), "setting", self.setting, "embodied, original")
+        check_setting(self.oracle in ORACLES, "oracle", self.oracle, ", ".join(ORACLES))
+        check_setting(self.setting in SETTINGS, "setting", self.setting, ", ".join(SETTINGS))
 
 
 @dataclass
@@ -358,7 +369,7 @@ class LerobotAgreementConfig:
     robot: RobotConfig = field(default_factory=RobotConfig, metadata={"choices": TASK_ARMS})
     """Arm: xarm6, ur3, ur5 or ur10."""
     setting: str = "embodied"
-    """What the arm may do: embodied or original (see benchmark.run)."""
+    """What the arm may do: original, embodied or best (see benchmark.run)."""
     episodes: int = 200
     """Number of episodes; a whole number >= 1."""
     seed: int = 42
@@ -382,7 +393,70 @@ class LerobotAgreementConfig:
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         check_seeds(self.seed_start, self.episodes)
         check_folder(self.output_dir)
-        check_setting(self.setting in ("embodied", "original"), "setting", self.setting, "embodied, original")
+        check_setting(self.setting in SETTINGS, "setting", self.setting, ", ".join(SETTINGS))
+
+
+@dataclass
+class ArmsConfig:
+    """Rolls the scripted oracles out on the target arms: each setting, single changes of it, where the tool can be."""
+
+    robots: list[str] = field(default_factory=lambda: ["ur3", "ur5", "ur10"])
+    """Arms, as in robots=[ur3,ur5]."""
+    changed: list[str] = field(default_factory=lambda: ["embodied"])
+    """Settings of which single choices are changed, as in changed=[embodied,original]."""
+    episodes: int = 500
+    """Number of episodes of each condition; a whole number >= 1."""
+    seed_start: int = 50_000
+    """Seed of the first episode."""
+    demonstrations: int = 30
+    """Demonstrations drawn over the table; a whole number from 1 to 1000."""
+    spacing: float = 0.01
+    """Of the points of the table in the pictures, in m, from 0.005 to 0.1."""
+    output_dir: str = "results"
+    """Folder of arms.md, arms/oracle_episodes.parquet and the figures in its folder figures."""
+    workers: int = 2
+    """Processes that roll out; results do not depend on it. A whole number >= 1."""
+
+    def __post_init__(self) -> None:
+        for name in self.robots or [None]:
+            check_setting(name in TASK_ARMS[1:], "robots", name, ", ".join(TASK_ARMS[1:]))
+        for name in self.changed:
+            check_setting(name in SETTINGS, "changed", name, ", ".join(SETTINGS))
+        for name in ("episodes", "workers"):
+            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        drawn = self.demonstrations
+        check_setting(1 <= drawn <= 1000, "demonstrations", drawn, "a whole number from 1 to 1000")
+        check_setting(0.005 <= self.spacing <= 0.1, "spacing", self.spacing, "a number from 0.005 to 0.1")
+        check_seeds(self.seed_start, self.episodes)
+        check_folder(self.output_dir)
+
+
+@dataclass
+class PlaceBasesConfig:
+    """Finds where each target arm stands best for this task, by its reachability map, and its wrist's branch there."""
+
+    robots: list[str] = field(default_factory=lambda: ["ur3", "ur5", "ur10"])
+    """Arms, as in robots=[ur3,ur5]."""
+    episodes: int = 30
+    """Demonstrations whose positions are to be reached, from the scene of seed 0 on; a whole number from 1 to 1000."""
+    stride: int = 8
+    """Every so many control steps a position is taken; a whole number >= 1."""
+    margin: float = 0.1
+    """How far from the edge of the reach a position should be, in m, from 0 to 0.5."""
+    output_dir: str = "results"
+    """Folder of base_placement.md; the figure goes to its folder figures."""
+    workers: int = 2
+    """Processes that sample where a map is to be built; a whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+
+    def __post_init__(self) -> None:
+        for name in self.robots or [None]:
+            check_setting(name in TASK_ARMS[1:], "robots", name, ", ".join(TASK_ARMS[1:]))
+        check_setting(1 <= self.episodes <= 1000, "episodes", self.episodes, "a whole number from 1 to 1000")
+        for name in ("stride", "workers"):
+            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_setting(0 <= self.margin <= 0.5, "margin", self.margin, "a number from 0 to 0.5")
+        check_folder(self.output_dir)
 
 
 @dataclass

@@ -29,7 +29,8 @@ class ArmSetting:
 
     robot: str
     name: str
-    """`original`: what swapping the arm in the original task does. `embodied`: what a real arm would do."""
+    """`original`: what swapping the arm in the original task does. `embodied`: what a real arm would do. `best`: what
+    it would do where it stands best."""
     base: tuple[float, float, float]
     """Position of the arm's base, in [m]; the xArm6 of the original stands at the origin."""
     wrist: str
@@ -44,6 +45,14 @@ class ArmSetting:
 
 COMMON_BASE = (0.0, 0.0, 0.0)
 
+BEST_PLACES = {
+    "xarm6": (COMMON_BASE, "out"),
+    "ur3": ((0.06, -0.12, 0.0), "out"),
+    "ur5": ((0.12, -0.2, 0.0), "in"),
+    "ur10": ((-0.02, 0.0, 0.0), "in"),
+}
+"""Base, in [m], and wrist as `python -m benchmark.place_bases` finds them; the source stays where it was trained."""
+
 SETTINGS = {
     "original": {
         robot: ArmSetting(robot, "original", COMMON_BASE, "out", self_collision=False, joint_limits=False)
@@ -52,6 +61,10 @@ SETTINGS = {
     "embodied": {  # A UR3 cannot reach the start with its wrist in; UR5 and UR10 fold less with it in.
         robot: ArmSetting(robot, "embodied", COMMON_BASE, wrist, self_collision=True, joint_limits=True)
         for robot, wrist in {"xarm6": "out", "ur3": "out", "ur5": "in", "ur10": "in"}.items()
+    },
+    "best": {
+        robot: ArmSetting(robot, "best", base, wrist, self_collision=True, joint_limits=True)
+        for robot, (base, wrist) in BEST_PLACES.items()
     },
 }
 

@@ -52,7 +52,8 @@ class BlockPushEnv(gymnasium.Env):
 
     Args:
         robot: `xarm6`, `ur3`, `ur5` or `ur10`.
-        setting: `embodied` (joint limits and self-collision bind) or `original` (neither does).
+        setting: `embodied` (joint limits and self-collision bind), `original` (neither does) or `best` (as embodied,
+            but with the base where the arm reaches the most).
         base: Position of the arm's base, in [m]; None for the setting's.
         wrist: Branch of the wrist, `out` or `in`; None for the setting's.
         self_collision: Whether links collide with each other; None for the setting's.

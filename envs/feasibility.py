@@ -64,6 +64,11 @@ class TableFeasibility:
         lower, upper = [self.x[0], self.y[0]], [self.x[-1], self.y[-1]]
         return self._clearance(np.clip(points, lower, upper))
 
+    def allows(self, points: Float[np.ndarray, "*n 2"]) -> Bool[np.ndarray, "*n"]:
+        """Whether the tool can be held upright over these points and the command can be there: on the grid."""
+        lower, upper = [self.x[0], self.y[0]], [self.x[-1], self.y[-1]]
+        return ((points >= lower) & (points <= upper)).all(-1) & (self.clearance(points) > 0)
+
     @cached_property
     def _clearance(self) -> RegularGridInterpolator:
         feasible, spacing = self.feasible, self.x[1] - self.x[0]
@@ -78,11 +83,7 @@ class TableFeasibility:
 def table_feasibility(
     setting: ArmSetting, spacing: float = 0.02, box: Float[np.ndarray, "2 2"] = WORKSPACE
 ) -> TableFeasibility:
-    """Where over the table an arm can hold its tool upright, in the branch of its setting.
-
-    Every point is solved from the solution of a point at nearly the same distance from the base, outwards and then
-    inwards, so that the branch is kept as it is when the arm moves there. Limits and self-collision count where the
-    setting says so.
+    """`feasibility` on a grid over the table.
 
     Args:
         setting: The arm.
@@ -96,7 +97,17 @@ def table_feasibility(
     if not 0 < spacing <= size.min():
         raise ValueError(f"spacing must be above 0 and at most {size.min():g} m, the box's shorter side. Got {spacing}")
     x, y = (np.linspace(low, high, 1 + int(np.ceil((high - low) / spacing - 1e-9))) for low, high in box.T)
-    points = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
+    points = np.stack(np.meshgrid(x, y, indexing="ij"), -1)
+    return TableFeasibility(setting, x, y, feasibility(setting, points.reshape(-1, 2)).reshape(points.shape[:2]))
+
+
+def feasibility(setting: ArmSetting, points: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " n"]:
+    """`Feasibility` of holding the tool upright over points of the table, in [m] in the world, in the setting's branch.
+
+    Every point is solved from the solution of a point at nearly the same distance from the base, outwards and then
+    inwards, so that the branch is kept as it is when the arm moves there. So the points should not leave wide rings
+    about the base empty. Limits and self-collision count where the setting says so.
+    """
     held, joints = _held(setting, points)
     cause = np.where(held, Feasibility.FEASIBLE, Feasibility.OUT_OF_REACH)
     for robot, wrist in POSTURES if not held.all() else ():
@@ -110,7 +121,7 @@ def table_feasibility(
         held &= ~passed
     if setting.self_collision:
         cause[np.flatnonzero(held)[self_collision(robot)(joints[held])]] = Feasibility.SELF_COLLISION
-    return TableFeasibility(setting, x, y, cause.reshape(len(x), len(y)))
+    return cause
 
 
 def _held(

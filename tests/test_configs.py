@@ -13,6 +13,7 @@ from benchmark.ablation import AblationConfig
 from benchmark.collect import CollectConfig
 from benchmark.config import (
     ApproximateIkConfig,
+    ArmsConfig,
     BuildMapsConfig,
     CapabilityMapConfig,
     EnvironmentSpeedConfig,
@@ -23,6 +24,7 @@ from benchmark.config import (
     MergeMapsConfig,
     OracleConfig,
     PicturesConfig,
+    PlaceBasesConfig,
     ResponseConfig,
     RunConfig,
     ScalesConfig,
@@ -40,6 +42,8 @@ SCHEMAS = {
     "build_maps": BuildMapsConfig,
     "merge_maps": MergeMapsConfig,
     "oracle": OracleConfig,
+    "arms": ArmsConfig,
+    "place_bases": PlaceBasesConfig,
     "scales": ScalesConfig,
     "leaderboard": LeaderboardConfig,
     "lerobot_agreement": LerobotAgreementConfig,
