@@ -1,6 +1,6 @@
-"""The scripted oracle on an arm: what the task allows there without a learned policy.
+"""The scripted oracles on an arm: what the task allows there without a learned policy.
 
-python -m benchmark.oracle robot=ur3 setting=embodied episodes=300
+python -m benchmark.oracle robot=ur3 setting=embodied episodes=300 oracle=aware
 """
 
 import json
@@ -36,7 +36,7 @@ def main(config: OracleConfig) -> None:
         values = table[name].to_numpy(dtype=float)
         low, high = rate_interval(values)
         console.print(f"{name}: {100 * values.mean():.1f} % [{100 * low:.1f}, {100 * high:.1f}]")
-    result = summary(arm, config.seed_start, table)
+    result = {"oracle": config.oracle, **summary(arm, config.seed_start, table)}
     console.print(f"Mean length {result['mean_length']:.1f} steps")
     if result["tracking_error_max_solved"] is not None:
         console.print(f"Tracking error of solved episodes at most {1000 * result['tracking_error_max_solved']:.1f} mm")
@@ -64,8 +64,8 @@ def roll_out(arm: "ArmSetting", config: OracleConfig, console: "Console") -> "pd
     outcomes = []
     executor = ProcessPoolExecutor(config.workers, get_context("spawn"), initializer=start_worker)
     with executor as pool, progress_bar(console) as progress:
-        task = progress.add_task(f"Oracle on {arm.robot}, {arm.name}", total=len(seeds))
-        for outcome in pool.map(partial(play_episode, arm), seeds, chunksize=5):
+        task = progress.add_task(f"{config.oracle.capitalize()} oracle on {arm.robot}, {arm.name}", total=len(seeds))
+        for outcome in pool.map(partial(play_episode, arm, config.oracle), seeds, chunksize=5):
             outcomes.append(asdict(outcome))
             progress.advance(task)
     return pd.DataFrame(outcomes)
@@ -90,15 +90,25 @@ def summary(arm: "ArmSetting", seed_start: int, table: "pd.DataFrame") -> dict[s
     }
 
 
-def play_episode(arm: "ArmSetting", seed: int) -> "EpisodeOutcome":
-    """Outcome of one episode of the oracle."""
-    from envs.oracle import run_oracle
+def play_episode(arm: "ArmSetting", oracle: str, seed: int) -> "EpisodeOutcome":
+    """Outcome of one episode of the plain or the aware oracle."""
+    from envs.aware_oracle import AwareOracle
+    from envs.oracle import Oracle, run_oracle
     from envs.outcome import summarize
 
-    return summarize(run_oracle(_environment(arm), seed))
+    make_oracle = Oracle if oracle == "plain" else partial(AwareOracle, _table(arm))
+    return summarize(run_oracle(_environment(arm), seed, make_oracle))
 
 
-@lru_cache
+@lru_cache(maxsize=2)
+def _table(arm: "ArmSetting"):
+    """Where the arm can hold its tool; once per worker process, since it takes seconds."""
+    from envs.feasibility import table_feasibility
+
+    return table_feasibility(arm, spacing=0.01)
+
+
+@lru_cache(maxsize=2)
 def _environment(arm: "ArmSetting"):
     """One environment per worker process, kept from episode to episode."""
     import gymnasium

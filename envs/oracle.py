@@ -1,6 +1,7 @@
 """The scripted expert: pushes one block into one target, turns it where needed, then does the other."""
 
 import math
+from collections.abc import Callable
 
 import gymnasium
 import numpy as np
@@ -35,7 +36,7 @@ class Oracle:
     Phases: `pre_block` (go to the point behind the block), `block` (up to it), `push`; `orient_left` and
     `orient_right` (turn the block by pushing along a circle about it, when it does not face its target), then
     again `pre_block`; after the first block `return` (to the first point behind the first block) and
-    `origin`.
+    `origin`. `pair` is the block and the target that it works on, `goal` the point it goes to, in [m].
     """
 
     def __init__(self, mode: int) -> None:
@@ -45,7 +46,8 @@ class Oracle:
         """Start a new episode with this plan (`info["mode"]` of the environment's reset)."""
         self.plan = PLANS[mode]
         self.phase = "pre_block"
-        self._second = False
+        self.pair = self.plan[0]
+        self.goal: np.ndarray | None = None
         self._origin: np.ndarray | None = None
         self._first_pre_block: np.ndarray | None = None
 
@@ -59,11 +61,11 @@ class Oracle:
             self._origin = effector.copy()
         first_block, first_target = self.plan[0]
         away = np.linalg.norm(blocks[first_block, :2] - targets[first_target, :2])
-        if not self._second and away < PLACED:
-            self._second, self.phase = True, "return"
-        block, target = self.plan[int(self._second)]
-        goal = self._goal(effector, blocks[block], targets[target, :2])
-        step = goal - effector
+        if self.pair == self.plan[0] and away < PLACED:
+            self.pair, self.phase = self.plan[1], "return"
+        block, target = self.pair
+        self.goal = self._goal(effector, blocks[block], targets[target, :2])
+        step = self.goal - effector
         length, longest = float(np.linalg.norm(step)), STEP.get(self.phase, 0.035)
         return step * min(1.0, longest / length) if length > 0 else step
 
@@ -74,7 +76,7 @@ class Oracle:
         heading = (target - block[:2]) / np.linalg.norm(target - block[:2])
         behind = {d: block[:2] - d * heading for d in (PRE_BLOCK, NEXT_TO_BLOCK, TOUCHING)}
         bias = {"orient_left": KEEP_TURNING, "orient_right": -KEEP_TURNING}.get(self.phase, 0.0)
-        error = _quarter_turn_error(math.atan2(heading[1], heading[0]) - block[2] - bias) + bias
+        error = quarter_turn_error(math.atan2(heading[1], heading[0]) - block[2] - bias) + bias
 
         if self.phase == "return" and _near(effector, self._first_pre_block):
             self.phase = "origin"
@@ -120,15 +122,23 @@ def _near(a: Float[np.ndarray, "2"], b: Float[np.ndarray, "2"]) -> bool:
     return bool(np.linalg.norm(a - b) < ARRIVED)
 
 
-def _quarter_turn_error(angle: float) -> float:
+def quarter_turn_error(angle: float) -> float:
     """The angle modulo a quarter turn, in [-pi/4, pi/4]: a cube looks the same after one."""
     return (angle + math.pi / 4) % (math.pi / 2) - math.pi / 4
 
 
-def run_oracle(env: gymnasium.Env, seed: int) -> list[dict]:
-    """One episode in an environment with `obs_type="state"`: the infos of the reset and of every step."""
+def run_oracle(
+    env: gymnasium.Env, seed: int, make_oracle: Callable[[int], Callable[[np.ndarray], np.ndarray]] = Oracle
+) -> list[dict]:
+    """One episode in an environment with `obs_type="state"`: the infos of the reset and of every step.
+
+    Args:
+        env: The environment.
+        seed: Of the episode's scene.
+        make_oracle: Gives the oracle for a scene's plan.
+    """
     observation, info = env.reset(seed=seed)
-    oracle, infos, over = Oracle(info["mode"]), [info], False
+    oracle, infos, over = make_oracle(info["mode"]), [info], False
     while not over:
         observation, _, terminated, truncated, info = env.step(oracle(observation))
         infos.append(info)

@@ -1,0 +1,43 @@
+"""The oracle that knows its arm: as the plain one where that can do it, and better where it cannot."""
+
+import functools
+
+import gymnasium
+import numpy as np
+import pytest
+
+from envs import ENVIRONMENTS
+from envs.aware_oracle import AwareOracle
+from envs.feasibility import table_feasibility
+from envs.oracle import run_oracle
+from envs.outcome import summarize
+
+
+def play(robot, seeds, spacing):
+    env = gymnasium.make(ENVIRONMENTS[robot], disable_env_checker=True)
+    oracle = functools.partial(AwareOracle, table_feasibility(env.unwrapped.arm, spacing))
+    return [run_oracle(env, seed, oracle) for seed in seeds]
+
+
+@pytest.fixture(scope="module")
+def ur3():
+    """A scene with a block that a UR3 cannot get 5 cm behind."""
+    (infos,) = play("ur3", [50051], 0.02)
+    return infos
+
+
+def test_on_its_own_arm_it_follows_the_scenes_plan_and_places_both():
+    outcomes = [summarize(infos) for infos in play("xarm6", range(50000, 50003), 0.05)]
+    assert all(outcome.p2 for outcome in outcomes)
+    assert [outcome.first_block for outcome in outcomes] == [0, 0, 1]  # As the scenes' plans begin.
+
+
+def test_on_a_ur3_it_places_blocks_that_the_plain_one_cannot_get_behind(ur3):
+    env = gymnasium.make(ENVIRONMENTS["ur3"], disable_env_checker=True)
+    assert not summarize(run_oracle(env, 50051)).p2
+    assert summarize(ur3).p2
+
+
+def test_its_commands_stay_where_the_arm_can_be(ur3):
+    assert max(np.linalg.norm(info["commanded"]) for info in ur3) < 0.554 + 0.01
+    assert np.mean([info["tracking_error"] > 0.01 for info in ur3]) < 0.02
