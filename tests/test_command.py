@@ -18,7 +18,7 @@ BAD = {
     "method=papr": "method=papr is not allowed. Allowed: direct, paper, away",
     "episodes=0": "Allowed: a whole number >= 1",
     "episodes=2.5": "a whole number >= 1",
-    "setting=virtual": "Allowed: embodied, original",
+    "setting=virtual": "Allowed: original, embodied, best",
     "device=tpu": "Allowed: cpu, cuda, auto",
     "seed=7": "seed=7 checkpoint=1 is not there. Trained: seed42-1",
     "checkpoint=0": "Allowed: a whole number >= 1",

@@ -1,0 +1,334 @@
+"""What the scripted oracles reach on each target arm, setting by setting and with one choice changed at a time.
+
+python -m benchmark.arms
+"""
+
+import os
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from itertools import batched
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from benchmark.command import run_command
+from benchmark.config import ORACLES, SETTINGS, ArmsConfig
+from benchmark.oracle import play_episode
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+    from rich.console import Console
+
+    from envs.arms import ArmSetting
+    from envs.feasibility import TableFeasibility
+
+BASE_X = np.round(np.arange(-0.04, 0.141, 0.02), 2)
+"""Base positions of the figure, in [m]; y and z are the common base's."""
+WEIGHTS = (0.1, 10.0)
+"""Factors of the orientation's weight."""
+CHUNK = 25
+"""Episodes that are played and stored together."""
+RING_MODEL = {
+    "ur3": {0.0: 70, 0.04: 93, 0.08: 97, 0.11: 88, 0.14: 68},
+    "ur10": {0.0: 98, 0.04: 78, 0.08: 55, 0.11: 35, 0.14: 17},
+}
+"""p2 in percent by base x in [m], 60 episodes each, of the original environment's oracle whose tool is moved to the
+nearest point of a ring about the base: .155 to .554 m for the UR3, .22 to 1.3 m for the UR10 with its wrist out."""
+FEASIBLE_COLOURS = {
+    "FEASIBLE": "white",
+    "OUT_OF_REACH": "0.55",
+    "JOINT_LIMIT": "tab:purple",
+    "WRONG_BRANCH": "tab:orange",
+    "SELF_COLLISION": "tab:red",
+}
+
+
+@dataclass(frozen=True)
+class OracleCondition:
+    """An arm, and who moves it."""
+
+    change: str
+    """What differs from the setting; empty for the setting itself."""
+    arm: "ArmSetting"
+    oracle: str
+    """`plain` or `aware`."""
+
+    @property
+    def columns(self) -> dict[str, object]:
+        """What tells the condition's rows in the table of episodes."""
+        arm = asdict(self.arm)
+        return {
+            "robot": arm["robot"],
+            "setting": arm["name"],
+            "base": " ".join(f"{x:g}" for x in arm["base"]),
+            "branch": arm["wrist"],
+            "self_collision": arm["self_collision"],
+            "joint_limits": arm["joint_limits"],
+            "orientation_weight": arm["orientation_weight"],
+            "oracle": self.oracle,
+        }
+
+    @property
+    def can_start(self) -> bool:
+        """Whether the arm can hold its tool over the task's start."""
+        from envs.arms import make_kinematics, start_posture
+
+        try:
+            start_posture(make_kinematics(self.arm), self.arm)
+        except ValueError:
+            return False
+        return True
+
+
+def main(config: ArmsConfig) -> None:
+    """Play what is missing of each condition, store every episode, and write tables and figures."""
+    from rich.console import Console
+
+    from benchmark.field_sensitivity import demonstrated_path
+
+    console, output_dir = Console(), Path(config.output_dir)
+    conditions = [c for robot in config.robots for c in arm_conditions(robot, config.changed)]
+    playable = [condition for condition in conditions if condition.can_start]
+    episodes = play_missing(playable, config, console)
+    figures = {"base_x": draw_base_x(episodes, conditions)}
+    path = demonstrated_path(config.demonstrations, console)
+    for robot in config.robots:
+        tables = [feasibility_table(robot, setting, config.spacing) for setting in SETTINGS]
+        figures[robot] = draw_tables(tables, path)
+    (output_dir / "figures").mkdir(parents=True, exist_ok=True)
+    for name, figure in figures.items():
+        file = output_dir / "figures" / f"arms_{name}.png"
+        temporary = file.with_suffix(".tmp")
+        figure.savefig(temporary, format="png", dpi=120)
+        os.replace(temporary, file)
+    (output_dir / "arms.md").write_text(markdown(episodes, conditions, config))
+    console.print(f"Table: {output_dir / 'arms.md'}", soft_wrap=True)
+
+
+def arm_conditions(robot: str, changed: list[str]) -> list[OracleCondition]:
+    """The settings with both oracles, and for the plain one single changes of the settings in `changed`."""
+    from envs.arms import POSTURES, arm_setting
+
+    conditions = []
+    for setting in SETTINGS:
+        arm = arm_setting(robot, setting)
+        conditions += [OracleCondition("", arm, oracle) for oracle in ORACLES]
+        if setting not in changed:
+            continue
+        wrists = [wrist for name, wrist in POSTURES if name == robot and wrist != arm.wrist]
+        weights = [arm.orientation_weight * factor for factor in WEIGHTS]
+        bases = [(float(x), 0.0, 0.0) for x in BASE_X if (float(x), 0.0, 0.0) != arm.base]
+        changes = [
+            *((f"wrist {wrist}", {"wrist": wrist}) for wrist in wrists),
+            (f"self-collision {'off' if arm.self_collision else 'on'}", {"self_collision": not arm.self_collision}),
+            *((f"orientation weight {weight:g}", {"orientation_weight": weight}) for weight in weights),
+            *((f"base x {base[0]:+.2f}", {"base": base}) for base in bases if setting != "best"),
+        ]
+        conditions += [OracleCondition(text, replace(arm, **change), "plain") for text, change in changes]
+    return conditions
+
+
+def play_missing(conditions: list[OracleCondition], config: ArmsConfig, console: "Console") -> "pd.DataFrame":
+    """All episodes of the conditions by this version of the code: the stored ones and the rest, stored as they come."""
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    import pandas as pd
+
+    from benchmark.progress import progress_bar
+    from benchmark.rollout import code_version
+    from richmap.worker import start_worker
+
+    file = Path(config.output_dir) / "arms" / "oracle_episodes.parquet"
+    stored = pd.read_parquet(file) if file.exists() else pd.DataFrame()
+    code = code_version()
+    if len(stored):
+        stored = stored[stored.code_version == code]
+    seeds = range(config.seed_start, config.seed_start + config.episodes)
+    chunks = list(missing_chunks(conditions, stored, seeds))
+    total = len(conditions) * len(seeds)
+    with (
+        ProcessPoolExecutor(config.workers, get_context("spawn"), initializer=start_worker) as pool,
+        progress_bar(console) as progress,
+    ):
+        task = progress.add_task("Oracles", total=total, completed=total - sum(len(seeds) for _, seeds in chunks))
+        for (condition, _), outcomes in zip(chunks, pool.map(play_chunk, chunks), strict=True):
+            progress.update(
+                task, description=f"{condition.oracle} oracle on {condition.arm.robot}, {condition.arm.name}"
+            )
+            stored = pd.concat([stored, outcomes.assign(**condition.columns, code_version=code)], ignore_index=True)
+            store(file, stored)
+            progress.advance(task, len(outcomes))
+    wanted = pd.DataFrame([condition.columns for condition in conditions]).drop_duplicates()
+    return stored[stored.episode_seed.isin(seeds)].merge(wanted)
+
+
+def missing_chunks(
+    conditions: list[OracleCondition], stored: "pd.DataFrame", seeds: range
+) -> Iterator[tuple[OracleCondition, tuple[int, ...]]]:
+    """Conditions and seeds that are not stored, a few seeds at a time."""
+    for condition in conditions:
+        done = set(rows_of(stored, condition).episode_seed) if len(stored) else set()
+        yield from ((condition, part) for part in batched((s for s in seeds if s not in done), CHUNK))
+
+
+def rows_of(episodes: "pd.DataFrame", condition: OracleCondition) -> "pd.DataFrame":
+    """The episodes of a condition."""
+    mask = np.logical_and.reduce([episodes[name] == value for name, value in condition.columns.items()])
+    return episodes[mask]
+
+
+def play_chunk(chunk: tuple[OracleCondition, tuple[int, ...]]) -> "pd.DataFrame":
+    """Outcomes of a condition's episodes with these seeds."""
+    import pandas as pd
+
+    condition, seeds = chunk
+    play = partial(play_episode, condition.arm, condition.oracle)
+    return pd.DataFrame([{"episode_seed": seed, **asdict(play(seed))} for seed in seeds])
+
+
+def store(file: Path, episodes: "pd.DataFrame") -> None:
+    """Write the table, atomically."""
+    from benchmark.results import OPTIONAL
+
+    file.parent.mkdir(parents=True, exist_ok=True)
+    temporary = file.with_suffix(".tmp")
+    episodes.astype(OPTIONAL).to_parquet(temporary, index=False)
+    os.replace(temporary, file)
+
+
+def feasibility_table(robot: str, setting: str, spacing: float) -> "TableFeasibility":
+    """Where the arm can hold its tool upright in this setting."""
+    from envs.arms import arm_setting
+    from envs.feasibility import table_feasibility
+
+    return table_feasibility(arm_setting(robot, setting), spacing)
+
+
+TEXT = """# What the arms allow
+
+Made by `python -m benchmark.arms`: the scripted oracles on each target arm, {episodes} episodes each from seed
+{seed_start} (validation), percent with 95 % Wilson intervals. *plain*: the original's oracle, which knows nothing of
+the arm. *aware*: chooses plan, side and contact of every push by where the arm can be (`envs.aware_oracle`); its score
+is the arm's **ceiling**. A change is one choice other than the setting's; all else stays. Rows:
+`arms/oracle_episodes.parquet`, code version `{code}`.
+
+{tables}
+
+![p2 over the base's x](figures/arms_base_x.png)
+
+{pictures}
+"""
+
+
+def markdown(episodes: "pd.DataFrame", conditions: list[OracleCondition], config: ArmsConfig) -> str:
+    """A table for each arm."""
+    import pandas as pd
+
+    tables = []
+    for robot in config.robots:
+        rows = [table_row(episodes, condition) for condition in conditions if condition.arm.robot == robot]
+        tables.append(f"## {robot}\n\n{pd.DataFrame(rows).to_markdown(index=False, disable_numparse=True)}")
+    pictures = [
+        f"![{robot}: where on the table it can hold its tool upright](figures/arms_{robot}.png)"
+        for robot in config.robots
+    ]
+    return TEXT.format(
+        episodes=config.episodes,
+        seed_start=config.seed_start,
+        code=", ".join(episodes.code_version.unique()),
+        tables="\n\n".join(tables),
+        pictures="\n\n".join(pictures),
+    )
+
+
+def table_row(episodes: "pd.DataFrame", condition: OracleCondition) -> dict[str, str]:
+    """Scores of one condition."""
+    from benchmark.leaderboard import causes_text, with_interval
+    from benchmark.statistics import rate_interval
+
+    arm, rows = condition.arm, rows_of(episodes, condition)
+    row = {
+        "setting": arm.name,
+        "change": condition.change,
+        "oracle": condition.oracle,
+        "base x, y": f"{arm.base[0]:g}, {arm.base[1]:g}",
+        "branch": arm.wrist,
+        "n": str(len(rows)),
+    }
+    shown = {"p1": "p1", "p2": "p2", "score": "mean_score", "success_at_end": "success_at_end"}
+    if rows.empty:
+        return row | dict.fromkeys(shown.values(), "") | {"failed by cause": "cannot hold its tool over the start"}
+    for name, title in shown.items():
+        values = rows[name].to_numpy(dtype=float)
+        low, high = rate_interval(values)
+        row[title] = with_interval({name: values.mean(), f"{name}_low": low, f"{name}_high": high}, name)
+    return row | {"failed by cause": causes_text(rows.failure_cause.dropna().value_counts().to_dict())}
+
+
+def draw_base_x(episodes: "pd.DataFrame", conditions: list[OracleCondition]) -> "Figure":
+    """p2 of the plain oracle over the base's x, with its interval, and the ring model."""
+    from matplotlib.figure import Figure
+
+    from benchmark.statistics import rate_interval
+
+    figure = Figure(figsize=(6.5, 4.2), layout="constrained")
+    ax = figure.subplots()
+    robots = list(dict.fromkeys(condition.arm.robot for condition in conditions))
+    for colour, robot in enumerate(robots):
+        points = []
+        for condition in conditions:
+            arm = condition.arm
+            along = arm.robot == robot and arm.name == "embodied" and condition.oracle == "plain"
+            if along and (condition.change.startswith("base") or not condition.change):
+                values = rows_of(episodes, condition).p2.to_numpy(dtype=float)
+                if len(values):
+                    points.append((arm.base[0], values.mean(), *rate_interval(values)))
+        if points:
+            x, p2, low, high = np.array(sorted(points)).T
+            ax.plot(x, 100 * p2, "o-", color=f"C{colour}", label=f"{robot}, embodied, plain oracle")
+            ax.fill_between(x, 100 * low, 100 * high, color=f"C{colour}", alpha=0.15)
+        if robot in RING_MODEL:
+            wrist = ", wrist out" if robot == "ur10" else ""
+            ax.plot(
+                *zip(*RING_MODEL[robot].items(), strict=True),
+                "s:",
+                color=f"C{colour}",
+                label=f"{robot}{wrist}, ring model",
+            )
+    ax.set(xlabel="base x [m], towards the table", ylabel="p2 [%]", ylim=(0, 102))
+    ax.legend(fontsize="small")
+    return figure
+
+
+def draw_tables(tables: "list[TableFeasibility]", path: np.ndarray) -> "Figure":
+    """For each setting of an arm, the table with what keeps it from where, and the demonstrations over it."""
+    from matplotlib.colors import ListedColormap
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+
+    from envs.feasibility import Feasibility
+
+    figure = Figure(figsize=(3.4 * len(tables) + 0.6, 5.2), layout="constrained")
+    colours = ListedColormap([FEASIBLE_COLOURS[cause.name] for cause in Feasibility])
+    for ax, table in zip(figure.subplots(1, len(tables), squeeze=False)[0], tables, strict=True):
+        arm = table.setting
+        ax.pcolormesh(table.x, table.y, table.cause.T, cmap=colours, vmin=-0.5, vmax=len(Feasibility) - 0.5)
+        ax.plot(*path[:, :2].T, ".", color="tab:blue", ms=1, alpha=0.4)
+        share = 100 * (table.clearance(path[:, :2]) > 0).mean()
+        ax.plot(*arm.base[:2], "k^", ms=8)
+        ax.set(title=f"{arm.robot} {arm.name}, wrist {arm.wrist}\n{share:.1f} % of the path feasible", aspect="equal")
+        ax.set(xlabel="x [m]", ylabel="y [m]", xlim=(-0.12, table.x[-1]), ylim=(table.y[0], table.y[-1]))
+    patches = [
+        Patch(facecolor=FEASIBLE_COLOURS[cause.name], edgecolor="0.5", label=cause.name.lower().replace("_", " "))
+        for cause in Feasibility
+    ]
+    figure.legend(handles=patches, loc="outside lower center", ncol=len(patches), fontsize="small")
+    return figure
+
+
+if __name__ == "__main__":
+    run_command(main, ArmsConfig, "arms")

@@ -1,0 +1,80 @@
+"""Conditions change one thing at a time, episodes are played once, and tables say what they hold."""
+
+from dataclasses import asdict
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from benchmark import arms
+from benchmark.arms import OracleCondition, arm_conditions, markdown, missing_chunks, rows_of, table_row
+from benchmark.config import ORACLES, SETTINGS, ArmsConfig
+from envs.arms import arm_setting
+
+
+@pytest.fixture(scope="module")
+def conditions():
+    return arm_conditions("ur10", ["embodied"])
+
+
+def episodes_of(condition, seeds, p2=True):
+    outcome = {"p1": True, "p2": p2, "score": 1.0 if p2 else 0.49, "success_at_end": p2}
+    cause = None if p2 else "outer_reach"
+    rows = [{"episode_seed": seed, **outcome, "failure_cause": cause, "code_version": "abc"} for seed in seeds]
+    return pd.DataFrame(rows).assign(**condition.columns)
+
+
+def test_every_setting_has_both_oracles(conditions):
+    plain = [(c.arm.name, c.oracle) for c in conditions if not c.change]
+    assert plain == [(setting, oracle) for setting in SETTINGS for oracle in ORACLES]
+
+
+def test_a_change_is_one_choice_other_than_the_settings(conditions):
+    changed = [condition for condition in conditions if condition.change]
+    assert len(changed) == 1 + 1 + 2 + 9  # Wrist, self-collision, weights, base x but for the common one.
+    usual = asdict(arm_setting("ur10"))
+    for condition in changed:
+        assert sum(asdict(condition.arm)[key] != value for key, value in usual.items()) == 1, condition.change
+
+
+def test_an_arm_that_cannot_start_is_said_so():
+    condition = OracleCondition("wrist in", arm_setting("ur3", wrist="in"), "plain")
+    assert not condition.can_start
+    row = table_row(episodes_of(OracleCondition("", arm_setting("ur3"), "plain"), [1]), condition)
+    assert row["n"] == "0" and row["failed by cause"] == "cannot hold its tool over the start"
+
+
+def test_what_is_stored_is_not_played_again(conditions):
+    stored = episodes_of(conditions[0], range(50000, 50030))
+    chunks = list(missing_chunks(conditions[:2], stored, range(50000, 50060)))
+    assert [(c.oracle, len(seeds)) for c, seeds in chunks] == [
+        ("plain", 25),
+        ("plain", 5),
+        *[("aware", 25)] * 2,
+        ("aware", 10),
+    ]
+    assert min(chunks[0][1]) == 50030
+
+
+def test_rows_are_told_apart_by_all_that_the_arm_may_do(conditions):
+    episodes = pd.concat([episodes_of(condition, range(3), p2=i % 2 == 0) for i, condition in enumerate(conditions)])
+    for i, condition in enumerate(conditions):
+        rows = rows_of(episodes, condition)
+        assert len(rows) == 3 and (rows.p2 == (i % 2 == 0)).all()
+
+
+def test_the_table_holds_scores_with_intervals_and_causes(conditions):
+    episodes = pd.concat([episodes_of(conditions[0], range(3)), episodes_of(conditions[0], range(3, 4), p2=False)])
+    row = table_row(episodes, conditions[0])
+    assert row["p2"].startswith("75.0 [30") and row["mean_score"].startswith("87.2") and row["n"] == "4"
+    assert row["failed by cause"] == "outer_reach 1"
+    text = markdown(episodes, conditions[:1], ArmsConfig(robots=["ur10"]))
+    assert "75.0 [30" in text and "code version\n`abc`" in text.replace("code version `abc`", "code version\n`abc`")
+
+
+def test_pictures_can_be_drawn(conditions):
+    episodes = pd.concat([episodes_of(condition, range(3)) for condition in conditions])
+    assert len(arms.draw_base_x(episodes, conditions).axes[0].lines) == 2  # The arm's curve and the ring model's.
+    path = np.random.default_rng(0).uniform([0.2, -0.4, 0.06], [0.5, 0.2, 0.06], (50, 3))
+    figure = arms.draw_tables([arms.feasibility_table("ur3", setting, 0.1) for setting in ("original", "best")], path)
+    assert ["ur3 original" in figure.axes[0].get_title(), "ur3 best" in figure.axes[1].get_title()] == [True, True]
