@@ -187,8 +187,10 @@ def _check(method: str, scale: float, field: EnergyField | None) -> None:
 
 def _over_table(xy: Float[Tensor, "*rows 2"]) -> Float[np.ndarray, "n 3"]:
     """Places of the flange, world frame, in [m]: at the nominal height."""
-    xy = xy.reshape(-1, 2)
-    return torch.cat([xy, xy.new_full((len(xy), 1), FLANGE_HEIGHT)], dim=1).detach().cpu().double().numpy()
+    xy = xy.detach().cpu().numpy().reshape(-1, 2)
+    points = np.full((len(xy), 3), FLANGE_HEIGHT)
+    points[:, :2] = xy
+    return points
 
 
 def _like(values: Float[np.ndarray, "n 2"], tensor: Tensor) -> Float[Tensor, "n 2"]:

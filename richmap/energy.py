@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.interpolate import NdBSpline, make_interp_spline
 from scipy.ndimage import binary_dilation, distance_transform_cdt, gaussian_filter
 
+from richmap.cubic_spline import CubicSpline
 from richmap.energy_settings import EnergySettings
 from richmap.files import load_arrays, save_arrays
 from richmap.grid import Grid
@@ -51,8 +51,12 @@ class EnergyField:
         Raises:
             ValueError: If a point lies outside the cells' centres.
         """
-        gradient = self.gradient(points)
-        return self._spline(points), gradient
+        result = self._spline.value_and_gradient(points)
+        if np.isnan(result[:, 0]).any():
+            lower, upper = np.array([axis[[0, -1]] for axis in self.grid.axes()]).T
+            point = points[np.isnan(result[:, 0])][0]
+            raise ValueError(f"{point} m is outside the energy field, from {lower} to {upper} m.")
+        return result[:, 0], result[:, 1:]
 
     def gradient(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """The gradient alone, which is all that guidance needs.
@@ -60,25 +64,11 @@ class EnergyField:
         Raises:
             ValueError: If a point lies outside the cells' centres.
         """
-        lower, upper = self._bounds
-        outside = ~((points >= lower) & (points <= upper)).all(1)
-        if outside.any():
-            raise ValueError(f"{points[outside][0]} m is outside the energy field, from {lower} to {upper} m.")
-        return np.stack([self._spline(points, nu=nu) for nu in np.eye(3, dtype=int)], axis=1)
+        return self.value_and_gradient(points)[1]
 
     @cached_property
-    def _bounds(self) -> Float[np.ndarray, "2 3"]:
-        """First and last centre along each axis, in [m]."""
-        return np.array([axis[[0, -1]] for axis in self.grid.axes()]).T
-
-    @cached_property
-    def _spline(self) -> NdBSpline:
-        knots, coefficients = [], self.values
-        for axis, centres in enumerate(self.grid.axes()):
-            spline = make_interp_spline(centres, coefficients, k=3, axis=axis)
-            knots.append(spline.t)
-            coefficients = np.moveaxis(spline.c, 0, axis)
-        return NdBSpline(tuple(knots), coefficients, k=3)
+    def _spline(self) -> CubicSpline:
+        return CubicSpline.through(self.grid.axes(), self.values)
 
     def save(self, path: Path) -> None:
         """Write the field as one safetensors file, atomically."""
