@@ -308,7 +308,7 @@ def draw(responses: pd.DataFrame, success: pd.DataFrame) -> "Figure":
     for sampler, rows in success.groupby("sampler") if len(success) else ():
         rates = rows.groupby("sampling_steps").p2.agg(["mean", rate_interval])
         low, high = np.array(rates["rate_interval"].tolist()).T
-        error = 100 * np.array([rates["mean"] - low, high - rates["mean"]])
+        error = 100 * np.array([rates["mean"] - low, high - rates["mean"]]).clip(0)  # At 1 it rounds to below 0.
         by_steps.errorbar(rates.index, 100 * rates["mean"], error, fmt=".-", capsize=3, label=sampler)
         by_steps.legend(fontsize="x-small")
     by_steps.set(title="both blocks placed, xArm6, λ = 0", xlabel="denoising steps", ylabel="p2 [%]", xscale="log")

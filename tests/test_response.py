@@ -81,7 +81,11 @@ def test_table_and_figure_are_made_from_the_rows(observed):
     text = markdown(rows, pd.DataFrame())
     assert "over 4 observations" in text and "| start" in text
     assert f"{rows[(rows.scale == 1) & (rows.direction == 'x') & ~rows.start]['shift'].mean():+.1f} (" in text
-    assert len(draw(rows, pd.DataFrame()).axes) == 3
+    success = pd.DataFrame(
+        {"sampler": "DDIM", "sampling_steps": [1] * 100 + [2] * 100, "p2": [False] * 100 + [True] * 100}
+    )
+    for curve in (pd.DataFrame(), success):
+        assert len(draw(rows, curve).axes) == 3
 
 
 def test_a_folder_without_a_policy_is_refused(tmp_path):
