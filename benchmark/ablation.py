@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from benchmark.collect import CollectConfig
 from benchmark.command import check_setting, run_command
 from benchmark.config import RobotConfig, RunConfig, check_folder, check_seeds
+from benchmark.outputs import replacing
 from benchmark.run import CHECKPOINTS, make_rollout, run_and_store_all
 from benchmark.source_policies import CLEAN
 from benchmark.train import TrainConfig
@@ -122,9 +123,8 @@ def main(config: AblationConfig) -> None:
     train_all([training(name, seed, config) for name in trained for seed in config.seeds], config.workers)
     episodes = pd.concat([evaluate(name, config, console) for name in config.chosen], ignore_index=True)
     file = Path(config.output_dir) / "ablation.md"
-    temporary = file.with_suffix(".tmp")
-    temporary.write_text(markdown(summary(episodes), config))
-    os.replace(temporary, file)
+    with replacing(file) as path:
+        path.write_text(markdown(summary(episodes), config))
     console.print(f"Table: {file}", soft_wrap=True)
 
 

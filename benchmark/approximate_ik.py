@@ -3,12 +3,12 @@
 python -m benchmark.approximate_ik robot=panda
 """
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.command import run_command
 from benchmark.config import ApproximateIkConfig
+from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
     import numpy as np
@@ -69,7 +69,8 @@ def main(config: ApproximateIkConfig) -> None:
     output_dir = Path(config.output_dir)
     table = store(output_dir, pd.DataFrame(rows).assign(**about))
     console.print(markdown(table[table.robot == robot.name]), soft_wrap=True)
-    (output_dir / "approximate_ik.md").write_text(markdown(table))
+    with replacing(output_dir / "approximate_ik.md") as path:
+        path.write_text(markdown(table))
     console.print(f"Table: {output_dir / 'approximate_ik.md'}", soft_wrap=True)
 
 
@@ -144,10 +145,8 @@ def store(output_dir: Path, rows: "pd.DataFrame") -> "pd.DataFrame":
     if file.exists():
         old = pd.read_parquet(file)
         rows = pd.concat([old[~old.robot.isin(rows.robot)], rows], ignore_index=True)
-    output_dir.mkdir(parents=True, exist_ok=True)
-    temporary = file.with_suffix(".tmp")
-    rows.to_parquet(temporary, index=False)
-    os.replace(temporary, file)
+    with replacing(file) as path:
+        rows.to_parquet(path, index=False)
     return rows
 
 

@@ -3,7 +3,6 @@
 python -m benchmark.arms
 """
 
-import os
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -16,6 +15,7 @@ import numpy as np
 from benchmark.command import run_command
 from benchmark.config import ORACLES, SETTINGS, ArmsConfig
 from benchmark.oracle import play_episode
+from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -98,13 +98,11 @@ def main(config: ArmsConfig) -> None:
     for robot in config.robots:
         tables = [feasibility_table(robot, setting, config.spacing) for setting in SETTINGS]
         figures[robot] = draw_tables(tables, path)
-    (output_dir / "figures").mkdir(parents=True, exist_ok=True)
     for name, figure in figures.items():
-        file = output_dir / "figures" / f"arms_{name}.png"
-        temporary = file.with_suffix(".tmp")
-        figure.savefig(temporary, format="png", dpi=120)
-        os.replace(temporary, file)
-    (output_dir / "arms.md").write_text(markdown(episodes, conditions, config))
+        with replacing(output_dir / "figures" / f"arms_{name}.png") as file:
+            figure.savefig(file, dpi=120)
+    with replacing(output_dir / "arms.md") as file:
+        file.write_text(markdown(episodes, conditions, config))
     console.print(f"Table: {output_dir / 'arms.md'}", soft_wrap=True)
 
 
@@ -194,10 +192,8 @@ def store(file: Path, episodes: "pd.DataFrame") -> None:
     """Write the table, atomically."""
     from benchmark.results import OPTIONAL
 
-    file.parent.mkdir(parents=True, exist_ok=True)
-    temporary = file.with_suffix(".tmp")
-    episodes.astype(OPTIONAL).to_parquet(temporary, index=False)
-    os.replace(temporary, file)
+    with replacing(file) as path:
+        episodes.astype(OPTIONAL).to_parquet(path, index=False)
 
 
 def feasibility_table(robot: str, setting: str, spacing: float) -> "TableFeasibility":

@@ -7,7 +7,6 @@ nothing around it.
 """
 
 import cProfile
-import os
 from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from benchmark.command import run_command
 from benchmark.config import EnvironmentSpeedConfig, RobotConfig, RunConfig
+from benchmark.outputs import replacing, store_rows
 
 if TYPE_CHECKING:
     import gymnasium
@@ -216,19 +216,11 @@ def write(output_dir: Path, rows: list[dict[str, object]]) -> None:
     """Add rows to the table, in place of older ones of the same measurement, and write it for people."""
     import pandas as pd
 
-    file = output_dir / "environment_speed.parquet"
-    old = [pd.read_parquet(file)] if file.exists() else []
     new = pd.DataFrame(rows, columns=[*KEY, "value", "unit", "count"])
     new = new.fillna({"robot": "", "sampler": "", "environments": 0, "threads": 0})
-    table = pd.concat([*old, new], ignore_index=True).drop_duplicates(KEY, keep="last")
-    output_dir.mkdir(parents=True, exist_ok=True)
-    for name, save in (
-        ("environment_speed.parquet", lambda path: table.to_parquet(path, index=False)),
-        ("environment_speed.md", lambda path: path.write_text(markdown(table))),
-    ):
-        temporary = output_dir / f".{name}.tmp"
-        save(temporary)
-        os.replace(temporary, output_dir / name)
+    table = store_rows(output_dir / "environment_speed.parquet", new, KEY)
+    with replacing(output_dir / "environment_speed.md") as path:
+        path.write_text(markdown(table))
 
 
 TEXT = """# Speed of environments, sampling and rollouts

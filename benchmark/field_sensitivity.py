@@ -3,7 +3,6 @@
 python -m benchmark.field_sensitivity
 """
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from benchmark.command import run_command
 from benchmark.config import SOURCE, FieldSensitivityConfig
+from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
     import numpy as np
@@ -131,14 +131,13 @@ def main(config: FieldSensitivityConfig) -> None:
         del target_map
         rows = slopes(source, target, path, console).assign(fingerprint=key)
         table = pd.concat([table[~old], rows] if len(table) else [rows], ignore_index=True)
-        output_dir.mkdir(parents=True, exist_ok=True)
-        temporary = file.with_suffix(".tmp")
-        table.to_parquet(temporary, index=False)
-        os.replace(temporary, file)
-    (output_dir / "field_sensitivity.md").write_text(markdown(table))
+        with replacing(file) as temporary:
+            table.to_parquet(temporary, index=False)
+    with replacing(output_dir / "field_sensitivity.md") as temporary:
+        temporary.write_text(markdown(table))
     figure_file = output_dir / "figures" / "field_sensitivity.png"
-    figure_file.parent.mkdir(parents=True, exist_ok=True)
-    draw(table).savefig(figure_file, dpi=150)
+    with replacing(figure_file) as temporary:
+        draw(table).savefig(temporary, dpi=150)
     console.print(
         statements(table)[["statement", "ours", "combinations"]].to_markdown(index=False), soft_wrap=True, markup=False
     )

@@ -9,6 +9,7 @@ import pandas as pd
 
 from benchmark.command import SettingError, run_command
 from benchmark.config import LeaderboardConfig
+from benchmark.outputs import replacing
 from benchmark.statistics import paired_difference, paired_p_value, rate_interval
 
 SCORES = ["score", "p1", "p2", "success_at_end"]
@@ -112,7 +113,8 @@ def main(config: LeaderboardConfig) -> None:
     episodes = read_episodes(folder)
     if episodes.empty:
         raise SettingError(f"There is no {folder / 'episodes.parquet'}. Make one: python -m benchmark.run")
-    (folder / "LEADERBOARD.md").write_text(markdown(leaderboard(episodes)))
+    with replacing(folder / "LEADERBOARD.md") as path:
+        path.write_text(markdown(leaderboard(episodes)))
     print(folder / "LEADERBOARD.md")
 
 

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 from benchmark.command import run_command
 from benchmark.config import LerobotAgreementConfig, RunConfig
+from benchmark.outputs import replacing, store_rows
 from benchmark.run import chosen_checkpoint, make_rollout, run_and_store
 
 if TYPE_CHECKING:
@@ -45,9 +46,8 @@ def main(config: LerobotAgreementConfig) -> None:
     run_and_store(rollout, run, console)
     evaluate(rollout, config, folder)
     table = compare(folder)
-    temporary = output_dir / ".lerobot_agreement.md.tmp"
-    temporary.write_text(HEADER + table.to_markdown(index=False) + "\n")
-    os.replace(temporary, output_dir / "lerobot_agreement.md")
+    with replacing(output_dir / "lerobot_agreement.md") as path:
+        path.write_text(HEADER + table.to_markdown(index=False) + "\n")
     console.print(table.T.to_string(header=False))
     console.print(f"Table: {output_dir / 'lerobot_agreement.md'}", soft_wrap=True)
 
@@ -67,10 +67,7 @@ def evaluate(rollout: "Rollout", config: LerobotAgreementConfig, folder: Path) -
             continue
         metrics = lerobot_eval(rollout, seeds, config.slots)
         rows = {**about, "episode_seed": seeds, "success": metrics["successes"], "sum_reward": metrics["sum_rewards"]}
-        table = pd.concat([stored, pd.DataFrame(rows)]) if len(stored) else pd.DataFrame(rows)
-        temporary = file.with_suffix(".tmp")
-        table.drop_duplicates(KEY, keep="last").to_parquet(temporary, index=False)
-        os.replace(temporary, file)
+        store_rows(file, pd.DataFrame(rows), KEY)
 
 
 def lerobot_eval(rollout: "Rollout", seeds: range, slots: int) -> dict[str, list]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from benchmark.command import run_command
 from benchmark.config import MapGrowthConfig
+from benchmark.outputs import replacing, store_rows
 from benchmark.verified_maps import VerifiedMap
 
 if TYPE_CHECKING:
@@ -28,14 +29,14 @@ def main(config: MapGrowthConfig) -> None:
     from rich.console import Console
 
     from benchmark.labels import TEST_SETS
-    from benchmark.verify_maps import label_poses, store
+    from benchmark.verify_maps import label_poses
 
     console, output_dir = Console(), Path(config.output_dir)
     robot = config.robot.load()
     poses = {test_set: label_poses(robot, test_set, config, console) for test_set in TEST_SETS}
-    rows = [{"robot": robot.name, **row} for row in growth(snapshots(robot, config, console), poses)]
+    rows = pd.DataFrame(growth(snapshots(robot, config, console), poses)).assign(robot=robot.name)
     key = ["robot", "cell_size", "test_set", "labels", "inserted"]
-    table = store(output_dir / "map_growth.parquet", rows, key)
+    table = store_rows(output_dir / "map_growth.parquet", rows, key)
     draw(table, output_dir / "figures")
     console.print(f"Table: {output_dir / 'map_growth.parquet'}; figure: {output_dir / 'figures'}", soft_wrap=True)
 
@@ -92,9 +93,9 @@ def draw(table: "pd.DataFrame", folder: Path) -> None:
             axis.set(title=f"{title}, {labels} labels", xlabel="Inserted, in millions")
             axis.grid(alpha=0.3)
     axes[0, 0].legend()
-    folder.mkdir(parents=True, exist_ok=True)
     for ending in ("svg", "png"):
-        figure.savefig(folder / f"map_growth.{ending}", dpi=150)
+        with replacing(folder / f"map_growth.{ending}") as file:
+            figure.savefig(file, dpi=150)
     plt.close(figure)
 
 

@@ -4,7 +4,6 @@ python -m benchmark.oracle robot=ur3 setting=embodied episodes=300 oracle=aware
 """
 
 import json
-import os
 from dataclasses import asdict
 from functools import lru_cache, partial
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from benchmark.command import run_command
 from benchmark.config import OracleConfig
+from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -43,10 +43,8 @@ def main(config: OracleConfig) -> None:
     console.print(f"Failed episodes by cause: {causes_text(result['causes'])}")
 
     file = Path(config.output_dir) / "oracle.json"
-    file.parent.mkdir(parents=True, exist_ok=True)
-    temporary = file.with_suffix(".tmp")
-    temporary.write_text(json.dumps(result, indent=2) + "\n")
-    os.replace(temporary, file)
+    with replacing(file) as path:
+        path.write_text(json.dumps(result, indent=2) + "\n")
     console.print(f"Result: {file}", soft_wrap=True)
 
 

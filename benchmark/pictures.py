@@ -3,7 +3,6 @@
 python -m benchmark.pictures robot=ur3
 """
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from benchmark.command import run_command
 from benchmark.config import SOURCE, PicturesConfig
+from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,13 +45,10 @@ def main(config: PicturesConfig) -> None:
     if robot.name != SOURCE:
         of_source = robot_map(load_robot(SOURCE), origin, config.map, config.workers, console)
         figures["mmd"] = mmd_figure(similarity(of_source, of_robot), robot.name)
-    folder = Path(config.output_dir, "maps")
-    folder.mkdir(parents=True, exist_ok=True)
     for name, figure in figures.items():
-        file = folder / f"{robot.name}_{name}.png"
-        temporary = file.with_suffix(".tmp")
-        figure.savefig(temporary, format="png", dpi=100)
-        os.replace(temporary, file)
+        file = Path(config.output_dir, "maps", f"{robot.name}_{name}.png")
+        with replacing(file) as path:
+            figure.savefig(path, dpi=100)
         console.print(str(file), soft_wrap=True)
 
 

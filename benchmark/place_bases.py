@@ -3,7 +3,6 @@
 python -m benchmark.place_bases
 """
 
-import os
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 
 from benchmark.command import run_command
 from benchmark.config import PlaceBasesConfig
+from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -72,12 +72,11 @@ def main(config: PlaceBasesConfig) -> None:
         arms.append(place(of_arm, path[:: config.stride], config.margin, console))
         chosen, wrist = arms[-1].chosen
         console.print(f"{name}: base {arms[-1].placement.bases[chosen, :3].tolist()} m, wrist {wrist}")
-    (output_dir / "figures").mkdir(parents=True, exist_ok=True)
-    (output_dir / "base_placement.md").write_text(markdown(arms, config))
+    with replacing(output_dir / "base_placement.md") as file:
+        file.write_text(markdown(arms, config))
     figure = output_dir / "figures" / "base_placement.png"
-    temporary = figure.with_suffix(".tmp")
-    draw(arms).savefig(temporary, format="png", dpi=120)
-    os.replace(temporary, figure)
+    with replacing(figure) as file:
+        draw(arms).savefig(file, dpi=120)
     console.print(f"Table: {output_dir / 'base_placement.md'}, figure: {figure}", soft_wrap=True)
 
 

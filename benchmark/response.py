@@ -6,7 +6,6 @@ A push g is added to the predicted noise at every denoising step, as the paper's
 the first action is compared with that without it, from the same noise. On paper guidance goes against the push.
 """
 
-import os
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +20,7 @@ from torch import Tensor
 from benchmark.checkpoint import GUIDED, Checkpoint
 from benchmark.command import SettingError, run_command
 from benchmark.config import ResponseConfig, RobotConfig, RunConfig
+from benchmark.outputs import replacing
 from policies.guidance import Guidance
 
 if TYPE_CHECKING:
@@ -84,9 +84,11 @@ def main(config: ResponseConfig) -> None:
             raise SettingError(f"policies={folder} is of type {kind}; only type {GUIDED} can be guided.")
     responses = measure(folders, config, console)
     success = success_by_steps(folders[0], config, console)
-    save(output_dir / "response.md", lambda path: path.write_text(markdown(responses, success)))
+    with replacing(output_dir / "response.md") as file:
+        file.write_text(markdown(responses, success))
     figure = output_dir / "figures" / "response.png"
-    save(figure, lambda path: draw(responses, success).savefig(path, format="png", dpi=120))
+    with replacing(figure) as file:
+        draw(responses, success).savefig(file, dpi=120)
     console.print(f"Table: {output_dir / 'response.md'}, figure: {figure}", soft_wrap=True)
 
 
@@ -117,7 +119,8 @@ def measure(folders: list[Path], config: ResponseConfig, console: "Console") -> 
             console.print(f"Response of {rollout.condition.checkpoint} with {about['sampler']}")
             rows = response_rows(policy, observed).assign(prediction=policy.config.prediction_type, **about)
             table = pd.concat([table, rows], ignore_index=True)
-            save(file, lambda path, table=table: table.to_parquet(path, index=False))
+            with replacing(file) as path:
+                table.to_parquet(path, index=False)
     return table.merge(pd.DataFrame(wanted), on=list(about))
 
 
@@ -207,14 +210,6 @@ def success_by_steps(folder: Path, config: ResponseConfig, console: "Console") -
         )  # fmt: skip
         tables.append(run_and_store(make_rollout(run, 0.0, folder, console), run, console))
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
-
-
-def save(file: Path, write) -> None:
-    """Writes a file by a function of a path, atomically."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    temporary = file.with_name(f".{file.name}.tmp")
-    write(temporary)
-    os.replace(temporary, file)
 
 
 TEXT = """# What lambda does

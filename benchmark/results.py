@@ -1,6 +1,5 @@
 """The episodes table: one row per rollout, stored as Parquet, from which everything else is derived."""
 
-import os
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -9,6 +8,7 @@ from filelock import FileLock
 from pyarrow import ArrowInvalid
 
 from benchmark.command import SettingError
+from benchmark.outputs import replacing
 from envs.outcome import EpisodeOutcome
 
 IDENTITY = [
@@ -98,12 +98,8 @@ def store_episodes(output_dir: Path, episodes: list[Episode]) -> None:
         rows = pd.DataFrame([episode.row() for episode in episodes]).astype(OPTIONAL)
         table = pd.concat([read_episodes(output_dir), rows], ignore_index=True)
         table = table.drop_duplicates(IDENTITY, keep="last", ignore_index=True)
-        temporary = output_dir / f".episodes.{os.getpid()}.tmp"
-        try:
-            table.to_parquet(temporary, index=False)
-            os.replace(temporary, output_dir / "episodes.parquet")
-        finally:
-            temporary.unlink(missing_ok=True)
+        with replacing(output_dir / "episodes.parquet") as path:
+            table.to_parquet(path, index=False)
 
 
 def episodes_of(table: pd.DataFrame, condition: Condition) -> pd.DataFrame:

@@ -3,13 +3,13 @@
 python -m benchmark.scales robot=ur3 methods=[paper,feasibility]
 """
 
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.command import run_command
 from benchmark.config import ScalesConfig
+from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,7 +66,8 @@ def main(config: ScalesConfig) -> None:
     ]
     fields = method_fields(config, console)
     table = scale_table(sweep(config, direct, fields, console))
-    save_text(output_dir / "scales.md", markdown(table))
+    with replacing(output_dir / "scales.md") as path:
+        path.write_text(markdown(table))
 
     arm = table[(table[ARM] == [getattr(direct[0].condition, name) for name in ARM]).all(axis=1)]
     base = tuple(map(float, direct[0].condition.base.split()))[:2]
@@ -81,10 +82,8 @@ def main(config: ScalesConfig) -> None:
     }
     for name, figure in figures.items():
         file = output_dir / "figures" / f"{config.robot.name}_{config.setting}_{name}.png"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        temporary = file.with_suffix(".tmp")
-        figure.savefig(temporary, format="png", dpi=100)
-        os.replace(temporary, file)
+        with replacing(file) as path:
+            figure.savefig(path, dpi=100)
         console.print(f"Figure: {file}", soft_wrap=True)
     console.print(shown(arm[arm.chosen]).to_markdown(index=False), soft_wrap=True, markup=False)
     console.print(f"Table: {output_dir / 'scales.md'}", soft_wrap=True)
@@ -272,13 +271,6 @@ def markdown(table: "pd.DataFrame") -> str:
             shown(group).to_markdown(index=False, disable_numparse=True),
         ]
     return "\n\n".join(parts) + "\n"
-
-
-def save_text(file: Path, text: str) -> None:
-    """Write a file in one atomic move."""
-    temporary = file.with_suffix(".tmp")
-    temporary.write_text(text)
-    os.replace(temporary, file)
 
 
 if __name__ == "__main__":

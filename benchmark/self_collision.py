@@ -3,13 +3,13 @@
 python -m benchmark.self_collision
 """
 
-import os
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.command import check_setting, run_command
 from benchmark.config import SelfCollisionConfig
+from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
     import mujoco
@@ -40,7 +40,8 @@ def main(config: SelfCollisionConfig) -> None:
             row = compare(load_robot(name), config)
         table = store(output_dir, row)
         console.print(markdown_row(row), soft_wrap=True)
-    (output_dir / "self_collision.md").write_text(markdown(table))
+    with replacing(output_dir / "self_collision.md") as path:
+        path.write_text(markdown(table))
     console.print(f"Table: {output_dir / 'self_collision.md'}", soft_wrap=True)
 
 
@@ -106,10 +107,8 @@ def store(output_dir: Path, row: dict[str, object]) -> "pd.DataFrame":
     rows = pd.read_parquet(file).to_dict("records") if file.exists() else []
     table = pd.DataFrame([old for old in rows if old["robot"] != row["robot"]] + [row])
     table = table.sort_values("robot", key=lambda names: names.map(ROBOTS.index), ignore_index=True)
-    output_dir.mkdir(parents=True, exist_ok=True)
-    temporary = file.with_suffix(".tmp")
-    table.to_parquet(temporary, index=False)
-    os.replace(temporary, file)
+    with replacing(file) as path:
+        table.to_parquet(path, index=False)
     return table
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from benchmark.collect import CollectConfig
 from benchmark.command import SettingError, check_setting, run_command
 from benchmark.config import RobotConfig, RunConfig, WandbConfig, check_folder, check_seeds
+from benchmark.outputs import replacing
 from benchmark.train import TrainConfig
 
 if TYPE_CHECKING:
@@ -93,7 +94,8 @@ def main(config: SourcePoliciesConfig) -> None:
     table = ranking(validate(config, console), config.best)
     publish(table, config)
     log_validation(table, config)
-    (config.folder / "candidates.md").write_text(markdown(table, config))
+    with replacing(config.folder / "candidates.md") as path:
+        path.write_text(markdown(table, config))
     console.print(f"Checkpoints and table of all candidates: {config.folder}", soft_wrap=True)
 
 

@@ -3,7 +3,6 @@
 python -m benchmark.speed
 """
 
-import os
 import timeit
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING
 from benchmark.build_maps import robot_map
 from benchmark.command import check_setting, run_command
 from benchmark.config import SpeedConfig
+from benchmark.outputs import replacing, store_rows
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 KEY = ["name", "robot", "cell_size", "device", "batch", "threads"]
 """A row replaces an older one that agrees in these columns."""
+
+COLUMNS = [*KEY, "value", "unit"]
 
 DIFFERENT = 1e-3
 """Errors of the fast MMD are taken over cells whose MMD^2 is above this."""
@@ -52,8 +54,9 @@ def main(config: SpeedConfig) -> None:
             for row in measure(robot, built, first, config):
                 rows.append({"robot": name, "cell_size": built.grid.cell_size, **row})
                 status.update(f"Speed of {name}: {row['name']}, batch {row['batch']:,}, {row['threads']} threads")
-        table = store(output_dir, rows)
-        (output_dir / "speed.md").write_text(markdown(table))
+        table = store_rows(output_dir / "speed.parquet", pd.DataFrame(rows)[COLUMNS], KEY)
+        with replacing(output_dir / "speed.md") as path:
+            path.write_text(markdown(table))
         console.print(f"{name}: {len(rows)} rows. {output_dir / 'speed.md'}", soft_wrap=True)
         if "mmd" in config.parts:
             first = first or (built, direction_moments(built))
@@ -242,21 +245,6 @@ def least_seconds(call: Callable[[], object], repeats: int) -> float:
     timer = timeit.Timer(call)
     number, _ = timer.autorange()
     return min(timer.repeat(repeats, number)) / number
-
-
-def store(output_dir: Path, rows: list[dict[str, object]]) -> "pd.DataFrame":
-    """Add rows to the table, in place of older ones of the same measurement."""
-    import pandas as pd
-
-    file = output_dir / "speed.parquet"
-    old = [pd.read_parquet(file)] if file.exists() else []
-    table = pd.concat([*old, pd.DataFrame(rows)], ignore_index=True).drop_duplicates(KEY, keep="last")
-    table = table[["name", "robot", "cell_size", "device", "batch", "threads", "value", "unit"]]
-    output_dir.mkdir(parents=True, exist_ok=True)
-    temporary = file.with_suffix(".tmp")
-    table.to_parquet(temporary, index=False)
-    os.replace(temporary, file)
-    return table
 
 
 HEADER = """# Speed

@@ -3,7 +3,6 @@
 python -m benchmark.verify_maps robot=panda
 """
 
-import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from benchmark.command import check_setting, run_command
 from benchmark.config import VerifyMapsConfig
+from benchmark.outputs import replacing, store_rows
 from benchmark.verified_maps import MAPS, VerifiedMap
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ RATES = ("accuracy", "tpr", "fpr")
 
 def main(config: VerifyMapsConfig) -> None:
     """Label the test poses, build what is missing, and write the tables."""
+    import pandas as pd
     from rich.console import Console
 
     from benchmark.labels import TEST_SETS
@@ -45,17 +46,17 @@ def main(config: VerifyMapsConfig) -> None:
         check_labels(robot, test_set, labelled, config, console)
     for verified in _verified_maps(robot, config, console):
         rows = verify(robot, verified, poses)
-        table = store(output_dir / "verify_maps.parquet", rows, KEY)
+        table = store_rows(output_dir / "verify_maps.parquet", pd.DataFrame(rows), KEY)
         for row in rows:
             console.print(
                 f"{row['robot']} {row['map']} {row['cell_size']} m, {row['test_set']} {row['labels']}: accuracy "
                 f"{row['accuracy']:.4f}, TPR {row['tpr']:.4f}, FPR {row['fpr']:.4f}",
                 soft_wrap=True,
             )
-        report(output_dir, table)
         if verified.score:
-            curve = threshold_curve(robot, verified, poses)
-            draw_curves(store(output_dir / "verify_curves.parquet", curve, [*KEY, "threshold"]), table, output_dir)
+            curve = pd.DataFrame(threshold_curve(robot, verified, poses))
+            store_rows(output_dir / "verify_curves.parquet", curve, [*KEY, "threshold"])
+        report(output_dir, table)
     console.print(f"Tables: {output_dir / 'verify_maps.md'}", soft_wrap=True)
 
 
@@ -96,7 +97,7 @@ def check_labels(
     if file.exists() and (pd.read_parquet(file)[list(about)] == pd.Series(about)).all(axis=1).any():
         return
     with console.status(f"Checking the labels of {robot.name}, {test_set}"):
-        store(file, [labels_row(robot, test_set, labelled, config)], key)
+        store_rows(file, pd.DataFrame([labels_row(robot, test_set, labelled, config)]), key)
 
 
 def labels_row(
@@ -150,7 +151,7 @@ def threshold_curve(
     return rows
 
 
-def draw_curves(curves: "pd.DataFrame", table: "pd.DataFrame", output_dir: Path) -> None:
+def draw_curves(curves: "pd.DataFrame", table: "pd.DataFrame", folder: Path) -> None:
     """Accuracy against FPR, strict labels: a line for each map with a threshold, a point for each other answer."""
     import matplotlib.pyplot as plt
 
@@ -164,19 +165,18 @@ def draw_curves(curves: "pd.DataFrame", table: "pd.DataFrame", output_dir: Path)
             for size, line in curves[own].groupby("cell_size"):
                 axis.plot(100 * line.fpr, 100 * line.accuracy, label=f"fraction map, {size:g} m")
             points = table[(table.robot == robot) & (table.test_set == test_set) & (table.labels == "strict")]
-            for _, point in points.iterrows():
+            on_line = points["map"].str.startswith("fraction")
+            axis.plot(100 * points.fpr[on_line], 100 * points.accuracy[on_line], "k.", label="thresholds chosen")
+            for _, point in points[~on_line].iterrows():
                 label = f"{point['map']}, {point.cell_size:g} m"
-                filled = point["map"].startswith("fraction")
-                label = None if filled else label
-                axis.plot(100 * point.fpr, 100 * point.accuracy, "k." if filled else "x", label=label)
+                axis.plot(100 * point.fpr, 100 * point.accuracy, "x", label=label)
             axis.set(title=f"{robot}, {test_set} set", xlabel="FPR [%]", ylabel="Accuracy [%]", xlim=(0, 30))
             axis.set_ylim(85, 100)
             axis.grid(alpha=0.3)
             axis.legend(fontsize=6)
     for ending in ("svg", "png"):
-        file = output_dir / "figures" / f"verify_curves.{ending}"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(file, dpi=150)
+        with replacing(folder / f"verify_curves.{ending}") as file:
+            figure.savefig(file, dpi=150)
     plt.close(figure)
 
 
@@ -227,29 +227,18 @@ def query_times(verified: VerifiedMap, labelled: "LabelledPoses") -> dict[str, f
     return times
 
 
-def store(file: Path, rows: list[dict[str, object]], key: list[str]) -> "pd.DataFrame":
-    """Add rows to a table, in place of older ones about the same."""
-    import pandas as pd
-
-    table = pd.DataFrame(rows)
-    if file.exists():
-        table = pd.concat([pd.read_parquet(file), table])
-    table = table.drop_duplicates(key, keep="last").sort_values(key, ignore_index=True)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    temporary = file.with_suffix(".tmp")
-    table.to_parquet(temporary, index=False)
-    os.replace(temporary, file)
-    return table
-
-
 def report(output_dir: Path, table: "pd.DataFrame") -> None:
-    """Write the tables for people."""
+    """Write tables and figure for people."""
     import pandas as pd
 
     from benchmark.verification_report import markdown
 
     labels = pd.read_parquet(output_dir / "verify_labels.parquet")
-    (output_dir / "verify_maps.md").write_text(markdown(table, labels))
+    with replacing(output_dir / "verify_maps.md") as path:
+        path.write_text(markdown(table.sort_values(KEY), labels.sort_values(["robot", "test_set"])))
+    curves = output_dir / "verify_curves.parquet"
+    if curves.exists():
+        draw_curves(pd.read_parquet(curves), table, output_dir / "figures")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 python -m benchmark.view robot=ur5e
 """
 
-import os
 import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +11,7 @@ import numpy as np
 
 from benchmark.command import check_setting, run_command
 from benchmark.config import SOURCE, ViewConfig
+from benchmark.outputs import replacing
 from benchmark.pictures import half_filled_cell
 
 if TYPE_CHECKING:
@@ -139,10 +139,8 @@ def save_page(scene: "trimesh.Scene", file: Path) -> None:
     """Write a scene with its viewer (three.js, as trimesh ships it) as one page that needs no network."""
     from trimesh.viewer.notebook import scene_to_html
 
-    file.parent.mkdir(parents=True, exist_ok=True)
-    temporary = file.with_suffix(".tmp")
-    temporary.write_text(scene_to_html(scene))
-    os.replace(temporary, file)
+    with replacing(file) as path:
+        path.write_text(scene_to_html(scene))
 
 
 def _boxes(centres: np.ndarray, edge: float) -> "trimesh.Trimesh":
