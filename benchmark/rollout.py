@@ -18,6 +18,7 @@ import numpy as np
 import envs
 from benchmark.cache import package_versions
 from benchmark.checkpoint import GUIDED, Checkpoint
+from benchmark.guidance_class import GuidanceClass
 from benchmark.results import Condition, Episode
 from envs.outcome import summarize
 from richmap.worker import start_worker
@@ -39,6 +40,8 @@ class Rollout:
     checkpoint: Path
     field: Path | None
     """The field that guidance looks at; None without one."""
+    guidance: GuidanceClass | None = None
+    """The class of a method that is not ours; None for ours."""
 
 
 def roll_out(rollout: Rollout, seeds: Iterable[int], workers: int) -> Iterator[list[Episode]]:
@@ -51,7 +54,9 @@ def roll_out(rollout: Rollout, seeds: Iterable[int], workers: int) -> Iterator[l
 
 
 def roll_out_all(jobs: Iterable[tuple[Rollout, Iterable[int]]], workers: int) -> Iterator[list[Episode]]:
-    """The same for one condition after another, in the same worker processes."""
+    """The same for one condition after another, in the same worker processes; one worker is this process."""
+    import torch
+
     batches: dict[tuple[Rollout, int], list[int]] = {}
     for rollout, seeds in jobs:
         for seed in seeds:
@@ -59,6 +64,10 @@ def roll_out_all(jobs: Iterable[tuple[Rollout, Iterable[int]]], workers: int) ->
     if not batches:
         return
     workers = min(workers, len(batches))
+    if workers == 1:
+        torch.set_num_threads(1)  # As in a worker process.
+        yield from map(play, [rollout for rollout, _ in batches], batches.values())
+        return
     with ProcessPoolExecutor(workers, get_context("spawn"), initializer=start_worker) as pool:
         yield from pool.map(play, [rollout for rollout, _ in batches], batches.values())
 
@@ -154,7 +163,8 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
         return StockPolicy(rollout.checkpoint, rollout.condition.device)
     config = PreTrainedConfig.from_pretrained(rollout.checkpoint)
     config.device = rollout.condition.device
-    config.guidance, config.guidance_scale = rollout.condition.method, rollout.condition.guidance_scale
+    if rollout.guidance is None:
+        config.guidance, config.guidance_scale = rollout.condition.method, rollout.condition.guidance_scale
     config.guidance_base = tuple(map(float, rollout.condition.base.split()))[:2]
     config.guidance_seed = max(0, rollout.condition.training_seed)
     config.energy_field = None if rollout.field is None else str(rollout.field)
@@ -162,6 +172,10 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
     config.num_inference_steps = rollout.condition.sampling_steps
     with redirect_stdout(StringIO()):  # LeRobot says that it loads weights.
         policy = modeling.GuidedPushPolicy.from_pretrained(rollout.checkpoint, config=config)
+    if rollout.guidance is not None:
+        policy.guidance = rollout.guidance.make(
+            rollout.condition.guidance_scale, rollout.field, config.guidance_base, config.guidance_seed
+        )
     return policy.to(rollout.condition.device).eval()
 
 

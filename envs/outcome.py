@@ -61,6 +61,9 @@ class EpisodeOutcome:
     """Links of the arm in contact."""
     tool_tilt_max: float
     """Of the tool from the vertical, in [rad]."""
+    path_x: tuple[int, ...]
+    """Flange after each step, world frame, in whole [mm]; likewise the next."""
+    path_y: tuple[int, ...]
 
 
 def summarize(infos: list[dict]) -> EpisodeOutcome:
@@ -75,6 +78,7 @@ def summarize(infos: list[dict]) -> EpisodeOutcome:
     record = {key: np.array([info[key] for info in steps]) for key in _RECORDED}
     flange = record["flange"][:, :2]
     radius = np.linalg.norm(flange - record["base"][:, :2], axis=1)
+    path_x, path_y = np.rint(1000 * flange).astype(int).T.tolist()
     block, target, entry = _first_entry(infos)
     return EpisodeOutcome(
         score=float(last["score"]),
@@ -99,6 +103,8 @@ def summarize(infos: list[dict]) -> EpisodeOutcome:
         ik_residual_max=float(record["ik_residual"].max()),
         self_contact_share=float(record["self_contact"].mean()),
         tool_tilt_max=float(record["tool_tilt"].max()),
+        path_x=tuple(path_x),
+        path_y=tuple(path_y),
     )
 
 

@@ -11,6 +11,7 @@ import pytest
 from rich.console import Console
 
 from benchmark.config import ArmConfig, RobotConfig, RunConfig
+from benchmark.guidance_class import GuidanceClass
 from benchmark.results import read_episodes
 from benchmark.rollout import play
 from benchmark.run import checkpoint_folder, make_rollout
@@ -43,7 +44,36 @@ def test_a_row_holds_what_the_episode_was_run_with_and_what_happened(episodes):
     for column in ("robot", "setting", "method", "lambda", "checkpoint", "checkpoint_hash", "episode_seed", "score"):
         assert column in row
     assert row["lambda"] == 0 and row["method"] == "direct" and row["branch"] == "out"
+    path = np.column_stack([row.pop("path_x"), row.pop("path_y")])
+    assert path.shape == (row["length"], 2)
+    assert 1 < np.abs(np.diff(path, axis=0)).max() < 110  # In [mm]; the command moves at most 100.
     assert all(np.isscalar(value) or value is None for value in row.values())
+
+
+GUIDANCE = """
+from policies.guidance import Guidance
+
+class Still(Guidance):
+    def __init__(self, field, scale, base, seed):
+        self.scale = scale
+
+    def correct(self, chunk, effector):
+        return self.scale * chunk
+
+class NoGuidance:
+    pass
+"""
+
+
+def test_a_strangers_guidance_acts(rollout, tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(GUIDANCE)
+    condition = dataclasses.replace(rollout.condition, method="mine", guidance_scale=0.0)
+    still = dataclasses.replace(rollout, condition=condition, guidance=GuidanceClass(file, "Still"))
+    (episode,) = play(still, [50_001])
+    assert np.ptp(episode.outcome.path_x) < 5 and not episode.outcome.p1  # [mm]
+    with pytest.raises(ValueError, match="no class NoGuidance that is a policies.guidance.Guidance"):
+        GuidanceClass(file, "NoGuidance").make(1.0, None, (0.0, 0.0), 0)
 
 
 def test_the_policy_solves_its_own_arm(episodes):

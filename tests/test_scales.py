@@ -30,6 +30,8 @@ def episode(seed, p2, condition):
         "success_at_end": bool(p2),
         "length": 9,
         "mode": 0,
+        "path_x": (400, 410),
+        "path_y": (-200, -190),
     }
     return Episode(condition, seed, seed % 10, EpisodeOutcome(**values))
 
