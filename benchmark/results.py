@@ -1,8 +1,13 @@
 """The episodes table: one row per rollout, stored as Parquet, from which everything else is derived."""
 
+import hashlib
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pandas as pd
 from filelock import FileLock
 from pyarrow import ArrowInvalid
@@ -14,7 +19,7 @@ from envs.outcome import EpisodeOutcome
 IDENTITY = [
     "robot", "setting", "base", "branch", "self_collision", "joint_limits", "orientation_weight", "method", "lambda",
     "sampler", "sampling_steps", "checkpoint_hash", "field_fingerprint", "batch_shape", "slot", "device",
-    "episode_seed",
+    "entry_hash", "episode_seed",
 ]  # fmt: skip
 """Columns that say which episode a row is: a row replaces an older one that agrees in all of them."""
 
@@ -62,6 +67,8 @@ class Condition:
     """SHA-256 of the code that decides an episode, first 12 digits."""
     commit: str
     """Git commit of the tree, with + if files were changed; empty outside a checkout."""
+    entry_hash: str = ""
+    """SHA-256 of the files of an entry that is not ours; empty for our own methods."""
 
 
 @dataclass(frozen=True)
@@ -75,11 +82,89 @@ class Episode:
     outcome: EpisodeOutcome
 
     def row(self) -> dict[str, object]:
-        """The episode as one flat row of the table."""
+        """The episode as one flat row of the table, signed with its hash in the column `row_hash`."""
         condition = {f.name: getattr(self.condition, f.name) for f in fields(self.condition)}
         condition["lambda"] = condition.pop("guidance_scale")
         outcome = {f.name: getattr(self.outcome, f.name) for f in fields(self.outcome)}
-        return {**condition, "episode_seed": self.episode_seed, "slot": self.slot, **outcome}
+        row = {**condition, "episode_seed": self.episode_seed, "slot": self.slot, **outcome}
+        return row | {"row_hash": row_hash(row)}
+
+
+COLUMNS = {each.name for kind in (Condition, Episode, EpisodeOutcome) for each in fields(kind)} | {"lambda", "row_hash"}
+COLUMNS -= {"guidance_scale", "condition", "outcome"}
+"""Those of the table."""
+
+
+def row_hash(row: Mapping[str, Any]) -> str:
+    """SHA-256 over what an episode was run with and what came out: every column but `row_hash`.
+
+    It is that of JSON with sorted keys. What holds nothing is left out, and a whole number is an integer whatever its
+    column's type: a way through Parquet changes nothing, nor does an empty column that came later.
+    """
+    values = {name: _plain(value) for name, value in row.items() if name != "row_hash"}
+    known = {name: value for name, value in values.items() if value is not None}
+    return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON has it; None for NaN and whatever else pandas has for nothing."""
+    if isinstance(value, np.ndarray | list | tuple | np.generic):
+        value = np.asarray(value).tolist()
+    if isinstance(value, list):
+        return value
+    if pd.isna(value):
+        return None
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def row_name(row: Mapping[str, Any]) -> str:
+    """What a row is called where it is refused."""
+    return (
+        f"{row['robot']}, {row['setting']}, {row['method']} {row['lambda']:g}, {row['checkpoint']}, "
+        f"episode {row['episode_seed']}"
+    )
+
+
+def read_all_episodes(folder: Path) -> pd.DataFrame:
+    """The rows of every `episodes.parquet` under a folder, for publication; an episode in several files counts once.
+
+    Raises:
+        SettingError: If a row is not as it was stored, or two rows of one episode say different things.
+    """
+    tables = [read_trusted(file) for file in sorted(folder.rglob("episodes.parquet"))]
+    if not tables:
+        return pd.DataFrame()
+    episode = [*IDENTITY, "code_version"]
+    table = pd.concat(tables, ignore_index=True)
+    table = table.drop_duplicates([*episode, "score", "success_at_end", "length"], ignore_index=True)
+    doubled = table[table.duplicated(episode)]
+    if len(doubled):
+        row = doubled.iloc[0]
+        raise SettingError(
+            f"Two rows under {folder} are of one episode ({row_name(row)}) and say different things. See which one "
+            f"replays: python -m benchmark.replay table={folder} row={row.row_hash}. Remove the other."
+        )
+    return table
+
+
+def read_trusted(file: Path) -> pd.DataFrame:
+    """A table of episodes all of whose rows are as they were stored.
+
+    Raises:
+        SettingError: If one is not, or the code that stored them did not sign them yet.
+    """
+    table = read_episodes(file.parent)
+    missing = COLUMNS - set(table)
+    if missing or table.row_hash.isna().any():
+        lacks = ", ".join(sorted(missing)) or "row_hash in some rows"
+        raise SettingError(f"{file} was stored by older code: it lacks {lacks}. Move it away and run again.")
+    for number, row in enumerate(table.to_dict("records")):
+        if row_hash(row) != row["row_hash"]:
+            raise SettingError(
+                f"{file}, row {number} ({row_name(row)}) is not as it was stored: its row_hash does not fit. "
+                "Remove it and run it again."
+            )
+    return table
 
 
 def read_episodes(output_dir: Path) -> pd.DataFrame:

@@ -1,4 +1,5 @@
 import dataclasses
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -6,8 +7,18 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from benchmark.command import SettingError
 from benchmark.leaderboard import leaderboard, markdown, paired
-from benchmark.results import Condition, Episode, episodes_of, read_episodes, store_episodes
+from benchmark.results import (
+    COLUMNS,
+    Condition,
+    Episode,
+    episodes_of,
+    read_all_episodes,
+    read_episodes,
+    row_hash,
+    store_episodes,
+)
 from envs.outcome import EpisodeOutcome
 
 CONDITION = Condition(
@@ -82,3 +93,65 @@ def test_differences_are_taken_on_the_seeds_that_both_have():
     assert (table.n == 2).all()
     assert table.difference["p2"] == 0.5 and table.difference["p1"] == 0
     assert table.p["p2"] == 1.0
+
+
+def test_a_row_keeps_its_hash_on_its_way_through_files(tmp_path):
+    """Also beside rows with other empty columns, beside a column that came later, and as plain values."""
+    stored = [episode(1), episode(2, p2=False), episode(3, condition=dataclasses.replace(CONDITION, cell_size=0.05))]
+    for each in stored:
+        store_episodes(tmp_path / "a", [each])
+    table = read_all_episodes(tmp_path)
+    assert set(table) == set(stored[0].row()) == COLUMNS
+    table.assign(later=None).to_parquet(tmp_path / "a" / "episodes.parquet")
+    table = read_all_episodes(tmp_path)
+    assert table.row_hash.tolist() == [each.row()["row_hash"] for each in stored]
+    plain = json.loads(table.to_json(orient="records", double_precision=15))
+    assert [row_hash(row) for row in plain] == table.row_hash.tolist()
+
+
+def test_every_column_counts_in_the_hash():
+    row = episode(1).row()
+    for name in set(row) - {"row_hash"}:
+        assert row_hash(row | {name: "edited"}) != row["row_hash"], name
+    assert row_hash(row | {"path_x": [400, 410, 421]}) != row["row_hash"]
+    assert row_hash(row | {"p2": None}) != row["row_hash"]
+
+
+def edited(folder, **values):
+    """A table of three episodes, the second of which is edited."""
+    store_episodes(folder, [episode(seed) for seed in (1, 2, 3)])
+    table = read_episodes(folder)
+    for name, value in values.items():
+        table.loc[1, name] = value
+    table.to_parquet(folder / "episodes.parquet")
+
+
+def test_an_edited_row_is_not_published_and_named(tmp_path):
+    store_episodes(tmp_path / "a", [episode(9)])
+    edited(tmp_path / "b", success_at_end=False)
+    with pytest.raises(
+        SettingError, match=r"b/episodes.parquet, row 1 \(ur3, .*direct 0, seed42-1, episode 2\) is not"
+    ):
+        read_all_episodes(tmp_path)
+
+
+def test_rows_of_code_that_did_not_sign_them_are_not_published(tmp_path):
+    edited(tmp_path, row_hash=None)
+    with pytest.raises(SettingError, match="older code: it lacks row_hash in some rows. Move it away and run again"):
+        read_all_episodes(tmp_path)
+    read_episodes(tmp_path).drop(columns=["row_hash", "path_x"]).to_parquet(tmp_path / "episodes.parquet")
+    with pytest.raises(SettingError, match="older code: it lacks path_x, row_hash"):
+        read_all_episodes(tmp_path)
+
+
+def test_an_episode_in_two_files_counts_once_unless_they_contradict_each_other(tmp_path):
+    store_episodes(tmp_path / "a", [episode(1), episode(2)])
+    store_episodes(tmp_path / "b", [episode(2, condition=dataclasses.replace(CONDITION, commit="c2")), episode(3)])
+    assert sorted(read_all_episodes(tmp_path).episode_seed) == [1, 2, 3]
+    store_episodes(tmp_path / "c", [episode(2, p2=False)])
+    with pytest.raises(SettingError, match=r"Two rows under .*episode 2\) and say different things"):
+        read_all_episodes(tmp_path)
+
+
+def test_a_folder_without_episodes_is_an_empty_table(tmp_path):
+    assert read_all_episodes(tmp_path).empty
