@@ -1,12 +1,20 @@
 """Intervals and tests for rates and for paired differences, all at 95 %."""
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
 import numpy as np
-from jaxtyping import Float
-from scipy.stats import norm
+from jaxtyping import Float, Int, Shaped
+from scipy.stats import norm, t
 from statsmodels.stats.contingency_tables import mcnemar
+from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.proportion import proportion_confint
 
 LEVEL = 0.95
+DRAWS = 2000
+"""Of a bootstrap."""
 
 
 def rate_interval(values: Float[np.ndarray, " n"]) -> tuple[float, float]:
@@ -38,3 +46,103 @@ def paired_p_value(treated: Float[np.ndarray, " n"], control: Float[np.ndarray, 
         [np.sum(~treated & control), np.sum(~treated & ~control)],
     ]
     return float(mcnemar(table, exact=True).pvalue)
+
+
+@dataclass(frozen=True)
+class Crossed:
+    """Values of which each belongs to a training and to an episode, the same episodes for all trainings."""
+
+    values: Float[np.ndarray, " n"]
+    """NaN where nothing was measured."""
+    trainings: Shaped[np.ndarray, " n"]
+    """What is a training by itself: the training seed, whatever its checkpoint."""
+    episodes: Int[np.ndarray, " n"]
+    """Episode seeds."""
+
+
+def clustered_mean(rows: Crossed, extra: Sequence[float] = (0.0, 0.0, 1.0, 1.0)) -> tuple[float, float, float]:
+    """Mean of values in [0, 1] with its interval for other trainings and other episodes.
+
+    Args:
+        rows: The values. Of one training, the interval is for other episodes alone.
+        extra: Values of made-up episodes that count for the interval only, so that it stays honest where all episodes
+            agree (Agresti & Coull 1998); none for what is not a rate.
+    """
+    mean, centre, half, _ = _crossed_bootstrap(rows, extra)
+    return mean, float(np.maximum(0, centre - half)), float(np.minimum(1, centre + half))
+
+
+def clustered_difference(
+    differences: Crossed, extra: Sequence[float] = (-1.0, 1.0)
+) -> tuple[float, float, float, float]:
+    """Mean of paired differences, its interval for other trainings and other episodes, and the p-value of its being 0.
+
+    As `clustered_mean`; the made-up pairs are those of `paired_difference`. The p-value belongs to the interval: it is
+    below 0.05 where zero lies outside.
+    """
+    mean, centre, half, p_value = _crossed_bootstrap(differences, extra)
+    return mean, centre - half, centre + half, p_value
+
+
+def holm(p_values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """p-values adjusted for all that are asked together (Holm 1979); NaN stays NaN and does not count."""
+    p_values = np.array(p_values, dtype=float)
+    asked = ~np.isnan(p_values)
+    if asked.any():
+        p_values[asked] = multipletests(p_values[asked], method="holm")[1]
+    return p_values
+
+
+def _crossed_bootstrap(rows: Crossed, extra: Sequence[float]) -> tuple[float, float, float, float]:
+    """Mean over trainings and episodes, centre and half width of its interval, and the p-value of its being zero.
+
+    Trainings and episodes are both resampled, and their weights multiply (Owen & Eckles, Ann. Appl. Stat. 2012: the
+    variance is mildly too large). Of m units m - 1 are drawn, which keeps it from being too small for few (Rao & Wu,
+    JASA 1988). Percentiles over three training seeds would cover only 80 % where these differ, so the interval is that
+    of Student's t, with Satterthwaite's degrees of freedom from the variances that each factor has alone.
+    """
+    sums, counts = _table(rows)
+    if not sums.size:
+        return (math.nan,) * 4
+    mean = float(sums.sum() / counts.sum())
+    made_up = np.full((len(sums), len(extra)), counts.max())
+    sums, counts = np.hstack([sums, made_up * np.array(extra, dtype=float)]), np.hstack([counts, made_up])
+    trainings, episodes = sums.shape
+    centre = float(sums.sum() / counts.sum())
+    if episodes < 2:
+        return mean, centre, math.nan, math.nan
+    of_trainings, of_episodes = _weights(trainings), _weights(episodes)
+
+    def variance(of_trainings: np.ndarray, of_episodes: np.ndarray) -> float:
+        total, weight = (((of_episodes @ part.T) * of_trainings).sum(axis=1) for part in (sums, counts))  # (draws,)
+        return float(np.var(total[weight > 0] / weight[weight > 0]))
+
+    by_training = variance(of_trainings, np.ones((1, episodes)))
+    by_episode = variance(np.ones((1, trainings)), of_episodes)
+    deviation = math.sqrt(variance(of_trainings, of_episodes))
+    if deviation == 0:
+        return mean, centre, 0.0, float(centre == 0)
+    freedom = (by_training + by_episode) ** 2 / (
+        by_training**2 / max(trainings - 1, 1) + by_episode**2 / (episodes - 1)
+    )
+    half = t.ppf(0.5 + LEVEL / 2, freedom) * deviation
+    return mean, centre, float(half), float(2 * t.sf(abs(centre) / deviation, freedom))
+
+
+def _table(rows: Crossed) -> tuple[Float[np.ndarray, "trainings episodes"], Float[np.ndarray, "trainings episodes"]]:
+    """Sum and number of the values of each training and episode."""
+    there = ~np.isnan(rows.values)
+    trainings, training = np.unique(rows.trainings[there], return_inverse=True)
+    episodes, episode = np.unique(rows.episodes[there], return_inverse=True)
+    sums, counts = np.zeros((2, len(trainings), len(episodes)))
+    np.add.at(sums, (training, episode), rows.values[there])
+    np.add.at(counts, (training, episode), 1.0)
+    return sums, counts
+
+
+@lru_cache(maxsize=8)
+def _weights(units: int) -> Float[np.ndarray, "draws units"]:
+    """How often each unit is drawn when all but one are drawn with replacement; always the same draws."""
+    if units == 1:
+        return np.ones((DRAWS, 1))
+    return np.random.default_rng(units).multinomial(units - 1, np.full(units, 1 / units), size=DRAWS).astype(float)

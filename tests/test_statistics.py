@@ -1,8 +1,17 @@
 import numpy as np
 import pytest
-from scipy.stats import binom
+from scipy.special import expit
+from scipy.stats import binom, sem, t
 
-from benchmark.statistics import paired_difference, paired_p_value, rate_interval
+from benchmark.statistics import (
+    Crossed,
+    clustered_difference,
+    clustered_mean,
+    holm,
+    paired_difference,
+    paired_p_value,
+    rate_interval,
+)
 
 
 def test_published_wilson_intervals():
@@ -36,3 +45,72 @@ def test_the_paired_interval_covers_its_difference_as_often_as_it_says():
 def test_pairs_that_never_differ_leave_an_interval_about_zero():
     difference, low, high = paired_difference(np.ones(50), np.ones(50))
     assert difference == 0 and low < 0 < high
+
+
+def crossed(values):
+    """A matrix (trainings, episodes) as rows."""
+    trainings, episodes = np.indices(values.shape)
+    return Crossed(values.astype(float).ravel(), trainings.ravel(), episodes.ravel())
+
+
+def covers(rng, spread, trainings=3, episodes=60, repeats=400):
+    """How often the clustered interval holds the true mean, where trainings differ by `spread` (logits)."""
+    truth = expit(1.5 + spread * rng.standard_normal(50_000) + 1.5 * rng.standard_normal(50_000)).mean()
+    hits = 0
+    for _ in range(repeats):
+        logit = 1.5 + spread * rng.standard_normal((trainings, 1)) + 1.5 * rng.standard_normal((1, episodes))
+        _, low, high = clustered_mean(crossed(rng.random(logit.shape) < expit(logit)))
+        hits += low <= truth <= high
+    return hits / repeats
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.4, 1.0])
+def test_the_clustered_interval_covers_the_truth_also_where_three_trainings_differ(spread):
+    assert 0.92 < covers(np.random.default_rng(1), spread) <= 1
+
+
+def test_the_clustered_difference_covers_the_truth_and_its_p_value_agrees_with_its_interval():
+    rng, hits = np.random.default_rng(2), []
+    for _ in range(300):
+        effect = rng.normal(0.1, 0.05, (3, 1))
+        threshold = rng.random((3, 60))
+        treated, control = threshold < 0.6 + effect, threshold < 0.6
+        _, low, high, p_value = clustered_difference(crossed(treated.astype(float) - control))
+        hits.append(low <= 0.1 <= high)
+        assert (p_value < 0.05) == (low > 0 or high < 0)
+    assert 0.92 < np.mean(hits) <= 1
+
+
+def test_with_one_training_the_interval_is_students_over_episodes():
+    values = np.random.default_rng(3).normal(0.5, 0.1, (1, 200))
+    mean, low, high = clustered_mean(crossed(values), extra=())
+    expected = t.interval(0.95, 199, values.mean(), sem(values[0]))
+    assert mean == pytest.approx(values.mean()) and (low, high) == pytest.approx(expected, abs=0.05 * (high - low))
+
+
+def test_more_trainings_that_agree_narrow_the_interval_and_missing_cells_do_no_harm():
+    rng = np.random.default_rng(4)
+    values = (rng.random((6, 100)) < 0.7).astype(float)
+    width = [high - low for _, low, high in map(clustered_mean, map(crossed, (values[:2], values)))]
+    assert width[1] < width[0]
+    holes = np.where(rng.random(values.shape) < 0.2, np.nan, values)
+    mean, low, high = clustered_mean(crossed(holes))
+    assert mean == pytest.approx(np.nanmean(holes)) and low < 0.7 < high
+
+
+def test_nothing_measured_is_no_number():
+    assert np.isnan(clustered_mean(crossed(np.full((3, 5), np.nan)))).all()
+
+
+def test_agreement_of_all_episodes_leaves_an_honest_interval():
+    assert clustered_mean(crossed(np.ones((3, 50))))[1] == pytest.approx(rate_interval(np.ones(50))[0], abs=0.03)
+    _, low, high, p_value = clustered_difference(crossed(np.zeros((3, 50))))
+    assert (low, high) == pytest.approx(paired_difference(np.ones(50), np.ones(50))[1:], abs=0.01) and p_value == 1
+
+
+def test_holms_adjustment_by_hand():
+    # Sorted: .01, .02, .03, .04 times 4, 3, 2, 1, and never below the one before.
+    assert holm(np.array([0.04, 0.01, np.nan, 0.03, 0.02])) == pytest.approx(
+        [0.06, 0.04, np.nan, 0.06, 0.06], nan_ok=True
+    )
+    assert np.isnan(holm(np.array([np.nan]))).all()
