@@ -227,8 +227,8 @@ def markdown(table: "pd.DataFrame", config: AblationConfig) -> str:
     """The summary as a document."""
     import pandas as pd
 
-    from benchmark.leaderboard import with_interval
     from benchmark.rollout import code_version
+    from benchmark.scores import difference_text, with_interval
 
     shown = pd.DataFrame(
         {
@@ -237,10 +237,7 @@ def markdown(table: "pd.DataFrame", config: AblationConfig) -> str:
             "n": table.n,
             "p2": [with_interval(row, "p2") for _, row in table.iterrows()],
             "p2 by training seed": [", ".join(f"{100 * p2:.1f}" for p2 in seeds.values()) for seeds in table.by_seed],
-            "p2 less the default's": [
-                f"{100 * row.difference:+.1f} [{100 * row.difference_low:+.1f}, {100 * row.difference_high:+.1f}]"
-                for row in table.itertuples()
-            ],
+            "p2 less the default's": [difference_text(row) for _, row in table.iterrows()],
             "p1": (100 * table.p1).map("{:.1f}".format),
             "score": (100 * table.score).map("{:.1f}".format),
             "steps": table.length.map("{:.0f}".format),

@@ -243,7 +243,7 @@ def markdown(episodes: "pd.DataFrame", conditions: list[OracleCondition], config
 
 def table_row(episodes: "pd.DataFrame", condition: OracleCondition) -> dict[str, str]:
     """Scores of one condition."""
-    from benchmark.leaderboard import causes_text, with_interval
+    from benchmark.scores import causes_text, with_interval
     from benchmark.statistics import rate_interval
 
     arm, rows = condition.arm, rows_of(episodes, condition)

@@ -26,7 +26,7 @@ def main(config: OracleConfig) -> None:
     from rich.console import Console
 
     from benchmark.arm import chosen_arm
-    from benchmark.leaderboard import SCORES, causes_text
+    from benchmark.scores import SCORES, causes_text
     from benchmark.statistics import rate_interval
 
     arm = chosen_arm(config)

@@ -6,7 +6,7 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from benchmark.leaderboard import SCORES, causes_text, leaderboard, paired, with_interval
+from benchmark.scores import SCORES, by_condition, causes_text, paired, with_interval
 
 
 def print_report(tables: list[pd.DataFrame], output_dir: Path, console: Console) -> None:
@@ -17,7 +17,7 @@ def print_report(tables: list[pd.DataFrame], output_dir: Path, console: Console)
         output_dir: Folder of the episodes table.
         console: Where to print.
     """
-    rows = [leaderboard(table).iloc[0] for table in tables]
+    rows = [by_condition(table).iloc[0] for table in tables]
     scores = Table(title="Percent, with 95 % intervals", title_justify="left")
     for name in ["robot", "setting", "method", "lambda", "n", *SCORES]:
         scores.add_column(name.replace("_", " "))

@@ -237,7 +237,7 @@ xArm6, embodied, without guidance, percent with 95 % intervals.
 
 def markdown(responses: pd.DataFrame, success: pd.DataFrame) -> str:
     """The tables for people."""
-    from benchmark.leaderboard import leaderboard, with_interval
+    from benchmark.scores import by_condition, with_interval
 
     policy = ["checkpoint", "prediction", "sampler"]
     elsewhere = responses[~responses.start]
@@ -247,7 +247,7 @@ def markdown(responses: pd.DataFrame, success: pd.DataFrame) -> str:
     by_place = places.groupby([*policy, "scale", "place"], sort=True)
     text = "-"
     if len(success):
-        rows = leaderboard(success).sort_values(["sampler", "sampling_steps"])
+        rows = by_condition(success).sort_values(["sampler", "sampling_steps"])
         shown = {name: [with_interval(row, name) for _, row in rows.iterrows()] for name in ("p2", "score")}
         about = {"sampler": rows["sampler"], "steps": rows["sampling_steps"], "checkpoint": rows["checkpoint"]}
         text = pd.DataFrame({**about, "n": rows["n"], **shown}).to_markdown(index=False)

@@ -225,11 +225,10 @@ def shown(table: "pd.DataFrame") -> "pd.DataFrame":
     """The columns for people, in percent and points."""
     import pandas as pd
 
-    from benchmark.leaderboard import with_interval
+    from benchmark.scores import difference_text, with_interval
 
     def points(row: "pd.Series", name: str) -> str:
-        value, low, high = (100 * row[f"{name}_difference{end}"] for end in ("", "_low", "_high"))
-        return "" if row.method == "direct" else f"{value:+.1f} [{low:+.1f}, {high:+.1f}]"
+        return "" if row.method == "direct" else difference_text(row, f"{name}_difference")
 
     rows = [row for _, row in table.iterrows()]
     return pd.DataFrame(

@@ -200,8 +200,8 @@ def log_validation(table: "pd.DataFrame", config: SourcePoliciesConfig) -> None:
 
 def markdown(table: "pd.DataFrame", config: SourcePoliciesConfig) -> str:
     """All candidates as a document."""
-    from benchmark.leaderboard import with_interval
     from benchmark.rollout import code_version
+    from benchmark.scores import with_interval
     from benchmark.statistics import rate_interval
 
     names = ("p1", "p2", "score", "success_at_end")

@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 from benchmark.command import SettingError
-from benchmark.leaderboard import leaderboard, markdown, paired
 from benchmark.results import (
     COLUMNS,
     Condition,
@@ -19,6 +18,7 @@ from benchmark.results import (
     row_hash,
     store_episodes,
 )
+from benchmark.scores import by_condition, paired
 from envs.outcome import EpisodeOutcome
 
 CONDITION = Condition(
@@ -77,13 +77,12 @@ def test_two_processes_do_not_write_over_each_other(tmp_path):
     assert len(read_episodes(tmp_path)) == 10
 
 
-def test_the_leaderboard_is_what_counting_by_hand_gives():
+def test_the_scores_of_a_condition_are_what_counting_by_hand_gives():
     rows = [episode(0), episode(1, p2=False), episode(2, p1=False, p2=False), episode(3)]
-    (row,) = leaderboard(pd.DataFrame([e.row() for e in rows])).to_dict("records")
+    (row,) = by_condition(pd.DataFrame([e.row() for e in rows])).to_dict("records")
     assert (row["n"], row["p1"], row["p2"], row["causes"]) == (4, 0.75, 0.5, {"outer_reach": 2})
     assert row["score"] == pytest.approx((1 + 0.49 + 0 + 1) / 4)
     assert row["p2_low"] < 0.5 < row["p2_high"]
-    assert "outer_reach 2" in markdown(leaderboard(pd.DataFrame([e.row() for e in rows])))
 
 
 def test_differences_are_taken_on_the_seeds_that_both_have():
