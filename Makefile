@@ -5,7 +5,7 @@ UV := .boot/bin/uv
 PYTHON := .venv/bin/python
 PYTEST := OMP_NUM_THREADS=1 $(PYTHON) -m pytest
 
-run: setup
+run: .venv/.ready
 	$(PYTHON) -m benchmark.run robot=ur3 lambda=0.5
 
 test: setup
@@ -16,7 +16,7 @@ check: setup
 	.venv/bin/ruff format --check .
 	$(PYTEST)
 
-setup: .venv/.ready
+setup: .venv/.ready .venv/.browser
 
 # A folder of its own works with any pip, also where the system's packages are closed to it; from / pyenv is not asked
 # for the version that .python-version names.
@@ -31,6 +31,13 @@ $(UV):
 	@$(PYTHON) -c "import ctypes; ctypes.CDLL('libEGL.so.1')" 2>/dev/null \
 	|| { [ "$$(id -u)" = 0 ] && apt-get update -qq && apt-get install -y -qq libegl1 libgl1-mesa-dri; } \
 	|| echo "No EGL on this machine: no pictures. On Debian: sudo apt-get install libegl1 libgl1-mesa-dri"
+	@touch $@
+
+# The leaderboard's page is tested in a browser; without one that test is skipped.
+.venv/.browser: .venv/.ready
+	@command -v chromedriver >/dev/null \
+	|| { [ "$$(id -u)" = 0 ] && apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium chromium-driver; } \
+	|| echo "No Chromium on this machine: its page is not tested. On Debian: sudo apt-get install chromium chromium-driver"
 	@touch $@
 
 clean:

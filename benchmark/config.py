@@ -800,10 +800,11 @@ class ResponseConfig:
 
 @dataclass
 class LeaderboardConfig:
-    """Turns the episodes table into LEADERBOARD.md, both in `output_dir`."""
+    """Turns all stored test episodes into LEADERBOARD.md and leaderboard.html, by both protocols."""
 
     output_dir: str = "results"
-    """Folder of episodes.parquet, where LEADERBOARD.md is written."""
+    """Folder below which every episodes.parquet is read, and to which both files go; moving pictures come from its
+    folder figures, the oracles' scores from its folders arms and oracle."""
 
 
 def check_seeds(first: int, count: int) -> None:

@@ -1,121 +1,209 @@
-"""The leaderboard: a pure function of the episodes table.
+"""The leaderboard: a pure function of the episodes tables, by two protocols.
 
 python -m benchmark.leaderboard
 """
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import pandas as pd
+import numpy as np
 
 from benchmark.command import SettingError, run_command
-from benchmark.config import LeaderboardConfig
+from benchmark.config import TASK_ARMS, LeaderboardConfig
 from benchmark.outputs import replacing
-from benchmark.statistics import paired_difference, paired_p_value, rate_interval
 
-SCORES = ["score", "p1", "p2", "success_at_end"]
-"""Columns that are ranked: the original's score, some block in a target, both, both still one second later."""
+if TYPE_CHECKING:
+    import pandas as pd
 
-CONDITION = [
-    "robot", "setting", "base", "branch", "orientation_weight", "method", "lambda", "sampler", "sampling_steps",
-    "checkpoint", "checkpoint_hash", "field_fingerprint", "cell_size", "batch_shape", "device", "code_version",
-]  # fmt: skip
-"""What episodes must share to be counted together."""
+    from benchmark.statistics import Crossed
+
+FIRST_TEST_SEED = 100_000
 
 
-def leaderboard(episodes: pd.DataFrame) -> pd.DataFrame:
-    """One row per condition: n, each score with its 95 % interval, and failed episodes by cause; best p2 first.
+@dataclass(frozen=True)
+class Protocol:
+    """Which test episodes count, and by which scores."""
 
-    Args:
-        episodes: The episodes table (`benchmark.results.Episode.row`).
-    """
-    rows = []
-    for condition, group in episodes.groupby(CONDITION, dropna=False, sort=True):
-        row = dict(zip(CONDITION, condition, strict=True)) | {
-            "n": len(group),
-            "seeds": f"{group.episode_seed.min()}-{group.episode_seed.max()}",
-        }
-        for score in SCORES:
-            values = group[score].to_numpy(dtype=float)
-            row[score] = values.mean()
-            row[f"{score}_low"], row[f"{score}_high"] = rate_interval(values)
-        row["causes"] = group.failure_cause.dropna().value_counts().to_dict()
-        rows.append(row)
-    return pd.DataFrame(rows).sort_values(["setting", "robot", "p2"], ascending=[True, True, False])
+    name: str
+    settings: tuple[str, ...]
+    episodes: int
+    """Of each policy, from the first test seed on."""
+    scores: tuple[str, ...]
+    """The first one ranks."""
+    best_only: bool
+    """Whether only the best checkpoint of each training seed counts."""
 
 
-def paired(episodes: pd.DataFrame, control: pd.DataFrame) -> pd.DataFrame:
-    """Difference of each score to a control on the episode seeds that both have; p-values by exact McNemar."""
-    pairs = episodes.merge(control, on="episode_seed", suffixes=("", "_control"))
-    rows = []
-    for score in SCORES:
-        a, b = pairs[score].to_numpy(dtype=float), pairs[f"{score}_control"].to_numpy(dtype=float)
-        difference, low, high = paired_difference(a, b)
-        p_value = None if score == "score" else paired_p_value(a, b)
-        rows.append(
-            {
-                "score": score,
-                "n": len(pairs),
-                "difference": difference,
-                "low": low,
-                "high": high,
-                "p": p_value,
-            }
-        )
-    return pd.DataFrame(rows)
+PROTOCOLS = (
+    Protocol("paper", ("original",), 50, ("score", "p2"), best_only=False),
+    Protocol("strict", ("embodied", "best"), 500, ("p2", "success_at_end"), best_only=True),
+)
 
+ARM = ["setting", "robot", "base", "branch", "self_collision", "joint_limits", "orientation_weight"]
+SAMPLING = ["sampler", "sampling_steps", "batch_shape", "device"]
+GUIDANCE = ["method", "lambda", "field_fingerprint", "cell_size", "entry_hash"]
+"""Columns of the episodes table that rows must share, with their code version, to be counted together, whatever their
+policy."""
 
-def markdown(table: pd.DataFrame) -> str:
-    """The leaderboard as a document."""
-    shown = pd.DataFrame(
-        {
-            "setting": table["setting"],
-            "robot": table["robot"],
-            "method": table["method"],
-            "λ": table["lambda"].map("{:g}".format),
-            "checkpoint": table["checkpoint"],
-            "sampler": table["sampler"] + "-" + table["sampling_steps"].astype(str),
-            "n": table["n"],
-            "episode seeds": table["seeds"],
-            **{name: [with_interval(row, name) for _, row in table.iterrows()] for name in SCORES},
-            "failed episodes by cause": table["causes"].map(causes_text),
-            "code": table["code_version"],
-        }
-    )
-    return "\n".join(
-        [
-            "# Leaderboard",
-            "",
-            "Made from `episodes.parquet` alone by `python -m benchmark.leaderboard`. Score: 0.49 for some block in a",
-            "target, 1 for both; p1: some block in a target; p2: both in different targets at one moment;",
-            "success_at_end: both still there one second later. Brackets: 95 % intervals over episodes (Wilson).",
-            "",
-            shown.to_markdown(index=False),
-            "",
-        ]
-    )
-
-
-def with_interval(row: pd.Series, name: str) -> str:
-    """A score and its interval, in percent."""
-    return f"{100 * row[name]:.1f} [{100 * row[f'{name}_low']:.1f}, {100 * row[f'{name}_high']:.1f}]"
-
-
-def causes_text(causes: dict[str, int]) -> str:
-    """Number of failed episodes by cause, most frequent first."""
-    return ", ".join(f"{cause} {count}" for cause, count in causes.items()) or "none"
+MECHANISM = ("far_target_first", "share_near_base", "share_rectangle_a", "share_rectangle_b", "share_outer_reach")
+"""What guidance is said to change: whether the first block goes to the farther target, and where the flange spends its
+steps."""
 
 
 def main(config: LeaderboardConfig) -> None:
-    """Write LEADERBOARD.md beside the episodes table."""
-    from benchmark.results import read_episodes
+    """Write LEADERBOARD.md and leaderboard.html from all tables of episodes in `output_dir`."""
+    from benchmark.leaderboard_page import page
+    from benchmark.leaderboard_text import markdown
+    from benchmark.oracle_scores import with_oracles
+    from benchmark.results import read_all_episodes
 
     folder = Path(config.output_dir)
-    episodes = read_episodes(folder)
+    episodes = read_all_episodes(folder)
+    tables = {}
+    for protocol in PROTOCOLS:
+        rows = counted(episodes, protocol)
+        if len(rows):
+            tables[protocol] = with_oracles(leaderboard(rows, protocol), folder)
+    if not tables:
+        raise SettingError(
+            f"There are no test episodes (seeds from {FIRST_TEST_SEED}) in any episodes.parquet under {folder}. "
+            "Make some: python -m benchmark.run robot=ur3 lambda=0.5"
+        )
+    files = {"LEADERBOARD.md": markdown(tables), "leaderboard.html": page(tables, folder / "figures")}
+    for name, text in files.items():
+        with replacing(folder / name) as path:
+            path.write_text(text)
+        print(folder / name)
+
+
+def counted(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
+    """The rows that a protocol counts."""
     if episodes.empty:
-        raise SettingError(f"There is no {folder / 'episodes.parquet'}. Make one: python -m benchmark.run")
-    with replacing(folder / "LEADERBOARD.md") as path:
-        path.write_text(markdown(leaderboard(episodes)))
-    print(folder / "LEADERBOARD.md")
+        return episodes
+    seeds = range(FIRST_TEST_SEED, FIRST_TEST_SEED + protocol.episodes)
+    counts = episodes.setting.isin(protocol.settings) & episodes.episode_seed.isin(seeds)
+    if protocol.best_only:
+        counts &= ~episodes.checkpoint.str.fullmatch(r"seed\d+-([2-9]|\d\d+)")
+    return episodes[counts]
+
+
+def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
+    """One row per arm and method, over all policies: scores, differences to direct transfer, what changed, causes.
+
+    For each score and each of `MECHANISM` there is its mean (the column of its name), `_low` and `_high`, its
+    difference to direct transfer on the same episodes of the same policies, `_difference`, `_difference_low`, `_high`
+    and `_p`; for scores also the least and most of any policy, `_least` and `_most`, and `_holm`, the p-value adjusted
+    for all robots, methods and scales of the setting. NaN where there is nothing to compare with. `policies` has the
+    figures of each.
+
+    Args:
+        episodes: The rows that count.
+        protocol: Says by which scores.
+
+    Raises:
+        SettingError: If two policies go by one name.
+    """
+    import pandas as pd
+
+    from benchmark.statistics import holm
+
+    rows = []
+    episodes = episodes.assign(far_target_first=_far_target_first(episodes), training=_training(episodes))
+    for _, of_arm in episodes.groupby([*ARM, "code_version"]):
+        for _, group in of_arm.groupby([*GUIDANCE, *SAMPLING], dropna=False):
+            rows.append(_row(group, _direct(of_arm, group), protocol))
+    table = pd.DataFrame(rows)
+    for score in protocol.scores:
+        table[f"{score}_holm"] = table.groupby("setting")[f"{score}_p"].transform(holm)
+    rank = [protocol.settings.index(x) for x in table.setting], [TASK_ARMS.index(x) for x in table.robot]
+    order = np.lexsort([table["lambda"], -table[protocol.scores[0]], *rank[::-1]])
+    return table.iloc[order].reset_index(drop=True)
+
+
+def _far_target_first(episodes: "pd.DataFrame") -> "pd.Series":
+    """1 where the first block that entered a target entered the farther one, 0 for the nearer, NaN for none."""
+    return episodes.first_target.map({"far": 1.0, "near": 0.0}).astype(float)
+
+
+def _training(episodes: "pd.DataFrame") -> "pd.Series":
+    """What counts as one training: the seed, or where the checkpoint does not say, the checkpoint."""
+    seed = episodes.training_seed
+    return seed.astype(str).where(seed >= 0, episodes.checkpoint_hash)
+
+
+def _direct(of_arm: "pd.DataFrame", group: "pd.DataFrame") -> "pd.DataFrame":
+    """Episodes of direct transfer that a group can be compared with; none for direct transfer itself."""
+    same = (of_arm[SAMPLING] == group[SAMPLING].iloc[0]).all(axis=1)
+    return of_arm[same & (of_arm.method == "direct") & (group.method.iloc[0] != "direct")]
+
+
+def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol) -> dict:
+    """One row of the leaderboard."""
+    from benchmark.statistics import clustered_difference, clustered_mean
+
+    first = group.iloc[0]
+    names = group.groupby("checkpoint").checkpoint_hash.nunique()
+    if names.max() > 1:
+        raise SettingError(
+            f"Two policies go by the name {names.idxmax()} on {first.robot}, {first.setting}, {first.method} "
+            f"{first['lambda']:g}: {', '.join(x[:12] for x in group.checkpoint_hash.unique())}. "
+            "Move the episodes.parquet of one of them away."
+        )
+    row = first[[*ARM, *GUIDANCE, *SAMPLING, "code_version"]].to_dict() | {
+        "entry": bool(first.entry_hash),
+        "commit": ", ".join(sorted(group.commit.unique())),
+        "n": len(group),
+        "episodes": group.episode_seed.nunique(),
+        "complete": len(group) == protocol.episodes * group.checkpoint.nunique(),
+        "trainings": group.training.nunique(),
+        "causes": group.failure_cause.dropna().value_counts().to_dict(),
+    }
+    pairs = group.merge(direct, on=["checkpoint_hash", "episode_seed"], suffixes=("", "_direct"))
+    for name in (*protocol.scores, *MECHANISM):
+        extra = {"extra": ()} if name.startswith("share_") else {}
+        row |= _named(name, clustered_mean(_crossed(group, group[name]), **extra))
+        row |= _named(f"{name}_difference", (np.nan,) * 3) | {f"{name}_p": np.nan}
+        if len(pairs):
+            difference = pairs[name].astype(float) - pairs[f"{name}_direct"].astype(float)
+            *interval, row[f"{name}_p"] = clustered_difference(_crossed(pairs, difference), **extra)
+            row |= _named(f"{name}_difference", interval)
+    changed = (pairs.first_block != pairs.first_block_direct) | (pairs.first_target != pairs.first_target_direct)
+    row |= _named("order_changed", clustered_mean(_crossed(pairs, changed)) if len(pairs) else (np.nan,) * 3)
+    row["policies"] = [_policy(rows, direct, protocol) for _, rows in group.groupby("checkpoint")]
+    for score in protocol.scores:
+        means = [policy[score] for policy in row["policies"]]
+        row |= {f"{score}_least": min(means), f"{score}_most": max(means)}
+    return row
+
+
+def _crossed(rows: "pd.DataFrame", values: "pd.Series") -> "Crossed":
+    """Values of these rows by training and episode."""
+    from benchmark.statistics import Crossed
+
+    return Crossed(values.to_numpy(float, na_value=np.nan), rows.training.to_numpy(str), rows.episode_seed.to_numpy())
+
+
+def _policy(rows: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol) -> dict:
+    """Figures of one policy: Wilson intervals, paired differences to direct transfer, exact McNemar tests."""
+    from benchmark.scores import paired
+    from benchmark.statistics import rate_interval
+
+    policy = {"checkpoint": rows.checkpoint.iloc[0], "n": len(rows)}
+    control = direct[direct.checkpoint_hash == rows.checkpoint_hash.iloc[0]]
+    differences = paired(rows, control).set_index("score") if len(control) else None
+    for score in protocol.scores:
+        values = rows[score].to_numpy(dtype=float)
+        policy |= _named(score, (values.mean(), *rate_interval(values)))
+        policy |= _named(f"{score}_difference", (np.nan,) * 3) | {f"{score}_mcnemar": np.nan}
+        if differences is not None:
+            *interval, p_value = differences.loc[score, ["difference", "low", "high", "p"]]
+            policy |= _named(f"{score}_difference", interval) | {f"{score}_mcnemar": p_value}
+    return policy
+
+
+def _named(name: str, interval: tuple[float, float, float]) -> dict[str, float]:
+    return dict(zip((name, f"{name}_low", f"{name}_high"), interval, strict=True))
 
 
 if __name__ == "__main__":

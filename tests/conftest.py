@@ -26,3 +26,57 @@ def sampled_map():
         return ReachabilityMap.from_rows(grid, *rows, np.stack([robot.lower, robot.upper]), settings)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def transfer_episodes():
+    """A small table of episodes of both protocols, as the sweep and an entry from outside would store them."""
+    import dataclasses
+
+    import pandas as pd
+
+    from benchmark.results import OPTIONAL, Condition, Episode
+    from envs.outcome import EpisodeOutcome
+
+    rng = np.random.default_rng(0)
+    about = dict(
+        base="0 0 0", branch="out", orientation_weight=1.0, sampler="DDIM", sampling_steps=10, batch_shape=10,
+        device="cpu", code_version="v1", commit="c1",
+    )  # fmt: skip
+    nothing = {f.name: 0.0 for f in dataclasses.fields(EpisodeOutcome)}
+    causes = ["outer_reach", "pushed_through", "dithering"]
+
+    def rows(robot, setting, method, scale, rate, checkpoints, seeds, entry_hash=""):
+        field = method not in ("direct", "pull-back")
+        binds = setting != "original"
+        for checkpoint in checkpoints:
+            condition = Condition(
+                robot=robot, setting=setting, method=method, guidance_scale=scale, checkpoint=checkpoint,
+                self_collision=binds, joint_limits=binds, field_fingerprint="f" * field, entry_hash=entry_hash,
+                cell_size=0.05 if field else float("nan"), training_seed=int(checkpoint[4:6]),
+                checkpoint_hash=f"hash of {checkpoint}", **about,
+            )  # fmt: skip
+            for seed in seeds:
+                p1, p2 = sorted(rng.random(2) < rate, reverse=True)
+                outcome = EpisodeOutcome(**nothing | dict(
+                    score=0.49 * p1 + 0.51 * p2, p1=bool(p1), p2=bool(p2), length=3,
+                    success_at_end=bool(p2 and rng.random() < 0.9),
+                    mode=0, path_x=(400, 410, 420), path_y=(-200, -190, -180),
+                    first_block=int(rng.integers(2)) if p1 else None, first_entry_s=5.0 if p1 else None,
+                    first_target=str(rng.choice(["near", "far"])) if p1 else None,
+                    failure_cause=None if p2 else str(rng.choice(causes)), share_near_base=float(rng.random() / 10),
+                ))  # fmt: skip
+                yield Episode(condition, seed, seed % 10, outcome).row()
+
+    models = ["seed42-1", "seed42-2", "seed43-1", "seed44-1"]
+    best, first = ["seed42-1", "seed43-1", "seed44-1"], range(99_999, 100_010)
+    table = [*rows("xarm6", "original", "direct", 0.0, 0.95, models, first)]
+    for scale in (0.0, 0.5, 1.0):
+        table += rows("ur3", "original", "paper" if scale else "direct", scale, 0.5 + 0.2 * scale, models, first)
+    for robot, rate in (("ur3", 0.6), ("ur5", 0.9)):
+        for method, scale in (("direct", 0.0), ("paper", 2.0), ("projection", 0.01)):
+            table += rows(
+                robot, "embodied", method, scale, rate + 10 * scale * (scale < 1), models, range(100_045, 100_055)
+            )
+    table += rows("ur3", "embodied", "pull-back", 1.0, 0.7, best, range(100_045, 100_055), "e" * 64)
+    return pd.DataFrame(table).astype(OPTIONAL)

@@ -1,0 +1,61 @@
+"""The leaderboard as one page that needs no network: `leaderboard_page.html` filled with data and pictures."""
+
+import base64
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from benchmark.config import TASK_ARMS
+from benchmark.leaderboard_text import PROTOCOL_TEXTS
+from benchmark.published import TABLE_3
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from benchmark.leaderboard import Protocol
+
+TEMPLATE = Path(__file__).with_suffix(".html")
+
+PICTURES = 2
+"""Most moving pictures of an arm."""
+
+
+def page(tables: "dict[Protocol, pd.DataFrame]", figures: Path) -> str:
+    """The page.
+
+    Args:
+        tables: The leaderboard of each protocol.
+        figures: Folder of moving pictures, `<arm>-<setting>-<method and scale>-<seed>.gif` (`benchmark.record`).
+    """
+    rows = [
+        row | {"protocol": protocol.name}
+        for protocol, table in tables.items()
+        for row in json.loads(table.to_json(orient="records", double_precision=6))
+    ]
+    versions = sorted({row["code_version"] for row in rows})
+    commits = sorted({row["commit"] for row in rows})
+    data = {
+        "rows": rows,
+        "protocols": {
+            protocol.name: {"scores": protocol.scores, "text": PROTOCOL_TEXTS[protocol.name].replace("`", "")}
+            for protocol in tables
+        },
+        "published": {robot: asdict(published) for robot, published in TABLE_3.items()},
+        "pictures": pictures(figures),
+        "about": f"{sum(row['n'] for row in rows):,} episodes on test seeds from 100000 on; code version "
+        f"{', '.join(versions)}; commit {', '.join(commits)}.",
+    }
+    return TEMPLATE.read_text().replace("{{data}}", json.dumps(data).replace("</", "<\\/"))
+
+
+def pictures(folder: Path) -> list[dict[str, str]]:
+    """The first moving pictures of each arm, as the page holds them."""
+    files = [file for robot in TASK_ARMS for file in sorted(folder.glob(f"{robot}-*.gif"))[:PICTURES]]
+    return [
+        {
+            "caption": ", ".join(file.stem.replace("lambda", "λ ").split("-")),
+            "source": f"data:image/gif;base64,{base64.b64encode(file.read_bytes()).decode()}",
+        }
+        for file in files
+    ]

@@ -1,0 +1,192 @@
+"""The leaderboard as a document."""
+
+from typing import TYPE_CHECKING
+
+import pandas as pd
+
+from benchmark.leaderboard import ARM
+from benchmark.published import TABLE_3
+from benchmark.scores import causes_text, difference_text, with_interval
+
+if TYPE_CHECKING:
+    from benchmark.leaderboard import Protocol
+
+TEXT = """# Leaderboard
+
+Made by `python -m benchmark.leaderboard` from the stored episodes alone. With filters, curves and moving pictures:
+[`leaderboard.html`](leaderboard.html).
+
+- **Episodes**: test seeds from 100000 on, by which nothing was chosen; the same for all arms, methods and scales.
+- **Scores**, in percent: `score` is 0.49 for some block in a target and 1 for both; `p2` is both in different targets
+  at one moment; `success_at_end` is both still there one second later.
+- **[ ]** are 95 % intervals for other trainings and other episodes: a bootstrap of training seeds crossed with episode
+  seeds (Owen & Eckles 2012), with Student's t since trainings are few. With one training they are for other episodes
+  alone. Those of single policies and of oracles are Wilson's.
+- **Difference** is that to direct transfer, same policies, same episodes, in points. Its p is of the same bootstrap,
+  *Holm* is adjusted for all arms, methods and scales of the protocol's setting. p of single policies is of the exact
+  McNemar test.
+- **Reference** and **ceiling** are the scripted oracle that knows nothing of the arm and the one that does, on their
+  own (validation) seeds. A policy may beat either.
+- **n** counts episodes, of all policies; * marks a row whose episodes are not complete. *(entry)* came from outside. A
+  dash: not measured.
+"""
+
+PROTOCOL_TEXTS = {
+    "paper": "Setting `original` (just the arm swapped). First 50 test seeds, three policies of each training seed.",
+    "strict": "Settings `embodied` and `best`. First 500 test seeds, the best checkpoint of each training seed.",
+}
+
+PAPER_TEXT = """Score, mean over nine policies, and their least and most. Which λ the paper's guided column is of, it
+does not say; ours is the whole curve, from its lowest to its highest point."""
+
+MECHANISM_TEXT = """In percent, then the difference to direct transfer in points. *Farther first*: of episodes in which
+a block entered a target, those in which the first one entered the farther target. *Order changed*: another block or
+target was first than without guidance on the same episode. *Near base*: share of steps within 0.235 m of the base
+axis; *rectangle*: in the paper's dangerous one, in its two readings; *outer reach*: beyond 0.54 m."""
+
+
+def markdown(tables: "dict[Protocol, pd.DataFrame]") -> str:
+    """The leaderboards of all protocols as one document."""
+    parts = [TEXT]
+    for protocol, table in tables.items():
+        parts += [f"## Protocol `{protocol.name}`", PROTOCOL_TEXTS[protocol.name]]
+        if protocol.name == "paper":
+            parts += ["### Beside the paper's Table 3", PAPER_TEXT, _text(beside_the_paper(table))]
+        for _, rows in table.groupby([*ARM, "code_version"], sort=False):
+            first = rows.iloc[0]
+            parts += [f"### {first.robot}, {first.setting}", arm_text(rows), _text(scores(rows, protocol))]
+        parts += ["### What guidance changed", MECHANISM_TEXT, _text(mechanism(table))]
+        if protocol.best_only:
+            parts += ["### Policy by policy", _text(by_policy(table, protocol))]
+    return "\n\n".join(part.strip() for part in parts) + "\n"
+
+
+def beside_the_paper(table: pd.DataFrame) -> pd.DataFrame:
+    """The paper's success of each arm and ours, direct and guided as the paper guides."""
+    rows = []
+    for _, of_arm in table.groupby([*ARM, "code_version"], sort=False):
+        robot = of_arm.robot.iloc[0]
+        direct = of_arm[of_arm.method == "direct"]
+        curve = of_arm[of_arm.method == "paper"].sort_values("score")
+        published = TABLE_3[robot]
+        rows.append(
+            {
+                "arm": robot,
+                "direct: paper": _published(published.direct),
+                "direct: ours": ", ".join(_mean_and_range(row) for _, row in direct.iterrows()) or "-",
+                "guided: paper": _published(published.guided),
+                "guided: ours": " to ".join(
+                    f"{_mean_and_range(row)} at λ {row['lambda']:g}" for _, row in curve.iloc[[0, -1]].iterrows()
+                )
+                if len(curve)
+                else "-",
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def arm_text(rows: pd.DataFrame) -> str:
+    """How an arm stood, and what the scripted oracles reach on it."""
+    first = rows.iloc[0]
+    binds = [name for name in ("self_collision", "joint_limits") if first[name]]
+    oracles = [f"{role}: {oracle_text(first[role])}" for role in ("reference", "ceiling")]
+    binding = " and ".join(binds).replace("_", " ") or "nothing"
+    return (
+        f"Base {first.base} m, wrist {first.branch}, {binding} binding; code {first.code_version}, commit "
+        f"{', '.join(sorted(set(rows.commit)))}. p2 of the {'; of the '.join(oracles)}."
+    )
+
+
+def oracle_text(measured: dict | None) -> str:
+    """p2 of a scripted oracle."""
+    if measured is None:
+        return "-"
+    return f"{with_interval(measured, 'p2')} (n {measured['n']}, seeds from {measured['first']})"
+
+
+def scores(rows: pd.DataFrame, protocol: "Protocol") -> pd.DataFrame:
+    """Scores of all methods on one arm, the best first, or for the paper's protocol along its curve."""
+    if protocol.name == "paper":
+        rows = rows.sort_values(["method", "lambda"])
+    shown = {**_method(rows), "n": [f"{row.n}{'' if row.complete else '*'}" for row in rows.itertuples()]}
+    for name in protocol.scores:
+        shown |= {
+            name: [with_interval(row, name) for _, row in rows.iterrows()],
+            f"{name}: policies": [_range(row, name) for _, row in rows.iterrows()],
+            f"{name}: difference": [difference_text(row, f"{name}_difference") for _, row in rows.iterrows()],
+            f"{name}: p (Holm)": [
+                "-" if pd.isna(row[f"{name}_p"]) else f"{row[f'{name}_p']:.2g} ({row[f'{name}_holm']:.2g})"
+                for _, row in rows.iterrows()
+            ],
+        }
+    return pd.DataFrame(shown | {"failed by cause": [causes_text(causes) for causes in rows.causes]})
+
+
+def mechanism(rows: pd.DataFrame) -> pd.DataFrame:
+    """Order of blocks and targets, and where the flange was."""
+    names = {
+        "farther first": "far_target_first",
+        "near base": "share_near_base",
+        "rectangle, axes turned": "share_rectangle_a",
+        "rectangle, at the table": "share_rectangle_b",
+        "outer reach": "share_outer_reach",
+    }
+    shown = {"setting": rows.setting, "arm": rows.robot, **_method(rows)}
+    shown["order changed"] = [
+        "-" if pd.isna(row.order_changed) else with_interval(row, "order_changed") for _, row in rows.iterrows()
+    ]
+    for title, name in names.items():
+        shown[title] = [
+            f"{100 * row[name]:.1f}"
+            + ("" if pd.isna(row[f"{name}_difference"]) else f", {difference_text(row, f'{name}_difference')}")
+            for _, row in rows.iterrows()
+        ]
+    return pd.DataFrame(shown)
+
+
+def by_policy(table: pd.DataFrame, protocol: "Protocol") -> pd.DataFrame:
+    """Scores of every policy by itself."""
+    rows = []
+    for row in table.to_dict("records"):
+        about = pd.DataFrame([row])
+        for policy in row["policies"]:
+            shown = {"setting": row["setting"], "arm": row["robot"], **{k: v[0] for k, v in _method(about).items()}}
+            shown |= {"checkpoint": policy["checkpoint"], "n": policy["n"]}
+            for name in protocol.scores:
+                shown[name] = with_interval(policy, name)
+                shown[f"{name}: difference"] = difference_text(policy, f"{name}_difference")
+                shown[f"{name}: McNemar p"] = (
+                    "-" if pd.isna(policy[f"{name}_mcnemar"]) else f"{policy[f'{name}_mcnemar']:.2g}"
+                )
+            rows.append(shown)
+    return pd.DataFrame(rows)
+
+
+def method_text(row) -> str:
+    """A method and what may differ between rows of one method."""
+    sampler = "" if row.sampler == "none" else f", {row.sampler}-{row.sampling_steps}"
+    cells = "" if pd.isna(row.cell_size) else f", cells {row.cell_size:g} m"
+    return f"{row.method}{' (entry)' if row.entry else ''}{sampler}{cells}"
+
+
+def _method(rows: pd.DataFrame) -> dict[str, list[str]]:
+    return {
+        "method": [method_text(row) for row in rows.itertuples()],
+        "λ": rows["lambda"].map("{:g}".format).tolist(),
+    }
+
+
+def _range(row: pd.Series, name: str) -> str:
+    return f"{100 * row[f'{name}_least']:.1f} to {100 * row[f'{name}_most']:.1f}"
+
+
+def _mean_and_range(row: pd.Series) -> str:
+    return f"{100 * row.score:.1f} ({_range(row, 'score')})"
+
+
+def _published(figures: tuple[float, float, float] | None) -> str:
+    return "-" if figures is None else "{:.1f} ({:.1f} to {:.1f})".format(*(100 * x for x in figures))
+
+
+def _text(table: pd.DataFrame) -> str:
+    return table.to_markdown(index=False, disable_numparse=True)

@@ -1,0 +1,149 @@
+"""What the leaderboard shows is what plain counting of the stored rows gives."""
+
+import dataclasses
+import json
+import shutil
+
+import pytest
+
+from benchmark.command import SettingError
+from benchmark.config import LeaderboardConfig
+from benchmark.leaderboard import PROTOCOLS, counted, leaderboard, main
+from benchmark.leaderboard_text import beside_the_paper
+from benchmark.oracle_scores import with_oracles
+from benchmark.statistics import holm, paired_p_value
+
+PAPER, STRICT = PROTOCOLS
+
+
+@pytest.fixture(scope="module")
+def boards(transfer_episodes):
+    return {protocol: leaderboard(counted(transfer_episodes, protocol), protocol) for protocol in PROTOCOLS}
+
+
+def mean(values):
+    values = list(values)
+    return sum(values) / len(values)
+
+
+def recounted(episodes, row, protocol):
+    """The rows behind a row of the leaderboard, by plain Python, by policy and episode."""
+    last = 100_050 if protocol is PAPER else 100_500
+    found = {}
+    for one in episodes.to_dict("records"):
+        same = all(one[name] == row[name] for name in ("robot", "setting", "method", "lambda"))
+        shown = protocol is PAPER or one["checkpoint"].endswith("-1")
+        if same and shown and 100_000 <= one["episode_seed"] < last:
+            found[one["checkpoint"], one["episode_seed"]] = one
+    return found
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS, ids=lambda protocol: protocol.name)
+def test_every_figure_is_what_plain_counting_gives(transfer_episodes, boards, protocol):
+    assert len(boards[protocol]) == (4 if protocol is PAPER else 7)
+    for row in boards[protocol].to_dict("records"):
+        rows = recounted(transfer_episodes, row, protocol)
+        direct = recounted(transfer_episodes, row | {"method": "direct", "lambda": 0.0}, protocol)
+        assert row["n"] == len(rows) and not row["complete"]
+        causes = [one["failure_cause"] for one in rows.values() if not one["p2"]]
+        assert row["causes"] == {cause: causes.count(cause) for cause in set(causes)}
+        for score in protocol.scores:
+            assert row[score] == pytest.approx(mean(one[score] for one in rows.values()))
+            assert row[f"{score}_low"] < row[score] < row[f"{score}_high"] or row[score] in (0, 1)
+            policies = {name: mean(rows[key][score] for key in rows if key[0] == name) for name, _ in rows}
+            assert {policy["checkpoint"]: policy[score] for policy in row["policies"]} == pytest.approx(policies)
+            extremes = min(policies.values()), max(policies.values())
+            assert (row[f"{score}_least"], row[f"{score}_most"]) == pytest.approx(extremes)
+            if row["method"] != "direct":
+                difference = mean(float(rows[key][score]) - float(direct[key][score]) for key in rows)
+                assert row[f"{score}_difference"] == pytest.approx(difference)
+                assert row[f"{score}_p"] <= row[f"{score}_holm"] <= 1
+
+
+def test_what_guidance_changes_is_what_plain_counting_gives(transfer_episodes, boards):
+    row = boards[STRICT].query("robot == 'ur3' and method == 'projection'").iloc[0].to_dict()
+    rows = recounted(transfer_episodes, row, STRICT)
+    direct = recounted(transfer_episodes, row | {"method": "direct", "lambda": 0.0}, STRICT)
+    entered = [one for one in rows.values() if one["p1"]]
+    assert row["far_target_first"] == pytest.approx(mean(one["first_target"] == "far" for one in entered))
+    both = [(one, direct[key]) for key, one in rows.items() if one["p1"] and direct[key]["p1"]]
+    order = [[(x["first_block"], x["first_target"]) for x in pair] for pair in both]
+    assert row["order_changed"] == pytest.approx(mean(a != b for a, b in order))
+    near = mean(rows[key]["share_near_base"] - direct[key]["share_near_base"] for key in rows)
+    assert row["share_near_base_difference"] == pytest.approx(near)
+
+
+def test_single_policies_are_tested_exactly(transfer_episodes, boards):
+    row = boards[STRICT].query("robot == 'ur3' and method == 'paper'").iloc[0].to_dict()
+    rows = recounted(transfer_episodes, row, STRICT)
+    direct = recounted(transfer_episodes, row | {"method": "direct", "lambda": 0.0}, STRICT)
+    keys = [key for key in rows if key[0] == "seed43-1"]
+    (policy,) = [policy for policy in row["policies"] if policy["checkpoint"] == "seed43-1"]
+    assert policy["p2_mcnemar"] == paired_p_value([rows[k]["p2"] for k in keys], [direct[k]["p2"] for k in keys])
+
+
+def test_p_values_are_adjusted_over_robots_and_methods_together(boards):
+    table = boards[STRICT]
+    asked = table[table.method != "direct"]
+    assert len(asked) == 5
+    assert asked.p2_holm.tolist() == pytest.approx(holm(asked.p2_p).tolist())
+
+
+def test_the_best_comes_first_and_an_entry_is_marked(boards):
+    table = boards[STRICT]
+    assert table.robot.is_monotonic_increasing
+    assert all(group.p2.is_monotonic_decreasing for _, group in table.groupby("robot"))
+    assert table[table.entry].method.tolist() == ["pull-back"]
+
+
+def test_the_paper_stands_beside_us(boards):
+    table = beside_the_paper(boards[PAPER]).set_index("arm")
+    assert table["direct: paper"].to_dict() == {"xarm6": "95.4 (92.9 to 98.0)", "ur3": "64.6 (62.8 to 71.9)"}
+    assert table["guided: paper"]["ur3"] == "91.3 (87.8 to 96.0)"
+    assert "at λ 1" in table["guided: ours"]["ur3"]
+
+
+def test_an_oracle_belongs_to_an_arm_only_if_it_stood_alike(transfer_episodes, boards, tmp_path):
+    oracle = transfer_episodes.query("robot == 'ur3' and setting == 'embodied' and method == 'projection'")
+    (tmp_path / "arms").mkdir()
+    oracle.assign(oracle="aware").to_parquet(tmp_path / "arms" / "oracle_episodes.parquet")
+    table = with_oracles(boards[STRICT], tmp_path).set_index("robot")
+    assert table.reference.isna().all() and table.ceiling["ur5"].isna().all()
+    assert {x["p2"] for x in table.ceiling["ur3"]} == {oracle.p2.mean()}
+    moved = oracle.assign(oracle="aware", base="0.1 0 0")
+    moved.to_parquet(tmp_path / "arms" / "oracle_episodes.parquet")
+    assert with_oracles(boards[STRICT], tmp_path).ceiling.isna().all()
+    (tmp_path / "oracle" / "ur5-embodied").mkdir(parents=True)
+    file = tmp_path / "oracle" / "ur5-embodied" / "oracle.json"
+    scores = {"p1": 1.0, "p2": 0.9, "mean_score": 0.95, "success_at_end": 0.9}
+    file.write_text(json.dumps({"robot": "ur5", "setting": "embodied", "n": 300, "seed_start": 50_000} | scores))
+    table = with_oracles(boards[STRICT], tmp_path).set_index("robot")
+    assert {x["p2"] for x in table.reference["ur5"]} == {0.9} and table.reference["ur3"].isna().all()
+
+
+def test_two_policies_of_one_name_are_not_mixed(transfer_episodes):
+    rows = counted(transfer_episodes, STRICT).copy()
+    rows.loc[rows.index[0], "checkpoint_hash"] = "another"
+    with pytest.raises(SettingError, match="Two policies go by the name seed42-1 on ur3, embodied, direct 0"):
+        leaderboard(rows, STRICT)
+
+
+def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(transfer_episodes, tmp_path):
+    config = dataclasses.replace(LeaderboardConfig(), output_dir=str(tmp_path))
+    with pytest.raises(SettingError, match="There are no test episodes"):
+        main(config)
+    entry = transfer_episodes.method == "pull-back"
+    for folder, rows in {
+        "transfer/ur3": transfer_episodes[~entry],
+        "entries/pull-back": transfer_episodes[entry],
+    }.items():
+        (tmp_path / folder).mkdir(parents=True)
+        rows.to_parquet(tmp_path / folder / "episodes.parquet")
+    main(config)
+    text = (tmp_path / "LEADERBOARD.md").read_text()
+    assert "pull-back (entry)" in text and "## Protocol `paper`" in text and "## Protocol `strict`" in text
+    first = (tmp_path / "leaderboard.html").read_text()
+    assert "{{data}}" not in first and "http://www.w3.org/2000/svg" in first
+    shutil.rmtree(tmp_path / "entries")
+    main(config)
+    assert "pull-back" not in (tmp_path / "LEADERBOARD.md").read_text()

@@ -1,0 +1,205 @@
+"""The leaderboard's page in a real browser: it shows the table's figures, and everything on it can be used."""
+
+import re
+import shutil
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+
+from benchmark.leaderboard import PROTOCOLS, counted, leaderboard
+from benchmark.leaderboard_page import page
+from benchmark.oracle_scores import with_oracles
+
+PAPER, STRICT = PROTOCOLS
+QUIET = [
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
+    "--disable-background-networking", "--disable-component-update", "--window-size=1400,1000",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if not (chromium and driver):
+        pytest.skip("No Chromium on this machine. On Debian: sudo apt-get install chromium chromium-driver")
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    for argument in [*QUIET, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"]:
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    browser = webdriver.Chrome(options, webdriver.ChromeService(driver))
+    yield browser
+    browser.quit()
+
+
+@pytest.fixture(scope="module")
+def tables(transfer_episodes, tmp_path_factory):
+    nowhere = tmp_path_factory.mktemp("nowhere")
+    return {x: with_oracles(leaderboard(counted(transfer_episodes, x), x), nowhere) for x in PROTOCOLS}
+
+
+@pytest.fixture(scope="module")
+def file(tables, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("page")
+    frames = np.zeros((2, 30, 40, 3), np.uint8)
+    frames[1] = 255
+    imageio.imwrite(folder / "ur3-embodied-lambda0.5-100000.gif", frames, duration=100, loop=0)
+    (folder / "leaderboard.html").write_text(page(tables, folder))
+    return folder / "leaderboard.html"
+
+
+@pytest.fixture
+def opened(browser, file):
+    """The page, freshly opened, and nothing to complain about when the test is over."""
+
+    def open_(view=""):
+        browser.get("about:blank")
+        browser.get(f"{file.as_uri()}{view}")
+        return browser
+
+    open_()
+    browser.get_log("browser")
+    yield open_
+    assert browser.get_log("browser") == []
+
+
+def choose(browser, name, value):
+    from selenium.webdriver.support.select import Select
+
+    Select(browser.find_element("name", name)).select_by_value(value)
+
+
+def column(browser, title, table="ranking"):
+    """Texts below a column's title."""
+    cells = browser.find_elements("css selector", f"#{table} thead th")
+    titles = [cell.text.split("\n")[0].strip(" ↕↑↓") for cell in cells]
+    rows = browser.find_elements("css selector", f"#{table} > tbody > tr")
+    return [row.find_elements("css selector", ":scope > td")[titles.index(title)].text for row in rows]
+
+
+def first_number(text):
+    return float(re.search(r"[\d.]+", text)[0])
+
+
+def test_it_shows_the_figures_of_the_table_and_fetches_nothing(opened, tables):
+    browser = opened()
+    shown = [first_number(text) for text in column(browser, "p2")]
+    assert shown == pytest.approx((100 * tables[STRICT].p2).tolist(), abs=0.051)
+    assert column(browser, "n") == [f"{n}*" for n in tables[STRICT].n]
+    about = browser.find_element("id", "about").text
+    assert about.startswith(f"{sum(table.n.sum() for table in tables.values())} episodes") and "commit c1" in about
+    fetched = browser.execute_script("return performance.getEntriesByType('resource').map(x => x.name)")
+    assert all(name.startswith("data:") for name in fetched)
+    assert not re.search(r"""(src|href)=["'](?!data:)|@import|url\((?!data:)""", browser.page_source)
+    choose(browser, "protocol", "paper")
+    shown = [first_number(text) for text in column(browser, "score")]
+    assert shown == pytest.approx((100 * tables[PAPER].score).tolist(), abs=0.051)
+    assert "64.6 (62.8 to 71.9)" in column(browser, "paper's score")
+
+
+def test_a_click_on_a_title_sorts_and_another_one_turns_it_round(opened, tables):
+    browser = opened()
+    (title,) = [x for x in browser.find_elements("css selector", "#ranking th button") if x.text == "success at end"]
+    title.click()
+    values = [first_number(text) for text in column(browser, "success at end")]
+    assert values == sorted(values, reverse=True) and len(values) == len(tables[STRICT])
+    browser.switch_to.active_element.click()
+    assert [first_number(text) for text in column(browser, "success at end")] == values[::-1]
+    assert browser.find_element("css selector", "th[aria-sort=ascending]").text.startswith("success at end")
+
+
+def test_filters_narrow_everything_and_the_address_keeps_them(opened):
+    browser = opened()
+    choose(browser, "robot", "ur3")
+    assert set(column(browser, "arm")) == set(column(browser, "arm", "mechanism")) == {"ur3"}
+    browser.find_element("name", "text").send_keys("entry")
+    assert column(browser, "method") == ["+pull-back entry"]
+    assert browser.find_element("tag name", "output").text == "1 of 7 rows"
+    assert len(browser.find_elements("css selector", "#causes .bar")) == 1
+    opened("#" + browser.current_url.partition("#")[2])
+    assert browser.find_element("tag name", "output").text == "1 of 7 rows"
+    browser.find_element("css selector", "button[type=reset]").click()
+    assert browser.find_element("tag name", "output").text == "7 of 7 rows"
+    choose(browser, "method", "projection")
+    choose(browser, "setting", "embodied")
+    assert column(browser, "arm") == ["ur3", "ur5"]
+
+
+def test_a_row_opens_to_its_policies(opened, tables):
+    browser = opened()
+    button = browser.find_element("css selector", "#ranking tbody button")
+    button.click()
+    policies = browser.find_elements("css selector", "tr.policies tbody tr")
+    assert [row.text.split()[0] for row in policies] == ["seed42-1", "seed43-1", "seed44-1"]
+    shown = [first_number(row.find_elements("tag name", "td")[2].text) for row in policies]
+    assert shown == pytest.approx([100 * policy["p2"] for policy in tables[STRICT].policies[0]], abs=0.051)
+    button.click()
+    assert not browser.find_elements("css selector", "tr.policies")
+
+
+def test_the_keyboard_reaches_filters_titles_and_rows(opened):
+    from selenium.webdriver.common.keys import Keys
+
+    browser, reached = opened(), []
+    for _ in range(26):
+        browser.switch_to.active_element.send_keys(Keys.TAB)
+        reached.append(browser.switch_to.active_element)
+    named = [x.get_attribute("name") or x.get_attribute("aria-label") or x.text for x in reached]
+    assert ["protocol", "setting", "robot", "method", "text", "All", "Ranking", "setting", "arm"] == named[:9]
+    assert "Policies of projection 0.01 on ur3, embodied" in named
+    reached[named.index("success at end")].send_keys(Keys.ENTER)
+    assert browser.find_element("css selector", "th[aria-sort=descending]").text.startswith("success at end")
+
+
+def test_curves_are_drawn_where_a_method_has_several_scales(opened):
+    browser = opened("#protocol=paper")
+    (panel,) = browser.find_elements("css selector", "#curves figure")
+    assert panel.text.startswith("ur3, original")
+    assert len(panel.find_elements("css selector", "circle")) == 3  # Lambda 0, 0.5 and 1.
+    assert "paper, direct" in panel.text and "paper, guided" in panel.text
+    choose(browser, "protocol", "strict")
+    assert "more than one scale" in browser.find_element("id", "curves").text
+
+
+def test_bars_of_causes_are_as_long_as_their_share(opened, tables):
+    browser = opened()
+    bars = browser.find_elements("css selector", "#causes .bar")
+    for bar, row in zip(bars, tables[STRICT].itertuples(), strict=True):
+        parts = [part.rect["width"] for part in bar.find_elements("tag name", "i")]
+        assert sum(parts) / bar.rect["width"] == pytest.approx(sum(row.causes.values()) / row.n, abs=0.01)
+
+
+def test_moving_pictures_can_be_stopped(opened):
+    browser = opened()
+    image = browser.find_element("css selector", "#pictures img")
+    assert image.get_attribute("alt") == "Episode: ur3, embodied, λ 0.5, 100000"
+    assert browser.execute_script("return arguments[0].naturalWidth", image) == 40
+    button = browser.find_element("css selector", "#pictures button")
+    button.click()
+    assert button.text == "Play" and not image.is_displayed()
+    assert browser.find_element("css selector", "#pictures canvas").is_displayed()
+    button.click()
+    assert button.text == "Pause" and image.is_displayed()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_texts_stand_out_in_light_and_dark(opened, scheme):
+    browser = opened()
+    media = {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
+    ground = luminance(browser.find_element("tag name", "body").value_of_css_property("background-color"))
+    assert (ground > 0.5) == (scheme == "light")
+    for text in ("h1", ".soft", "th button", "td", "td .soft", "output", "select", ".entry"):
+        ink = luminance(browser.find_element("css selector", text).value_of_css_property("color"))
+        dark, light = sorted((ink, ground))
+        assert (light + 0.05) / (dark + 0.05) >= 4.5, text  # WCAG 2.2, level AA.
+
+
+def luminance(colour):
+    """Relative luminance of rgb(r, g, b), as WCAG defines it."""
+    channels = np.array([int(x) for x in re.findall(r"\d+", colour)[:3]]) / 255
+    linear = np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
+    return float(linear @ (0.2126, 0.7152, 0.0722))
