@@ -32,7 +32,7 @@ class Protocol:
     scores: tuple[str, ...]
     """The first one ranks."""
     best_only: bool
-    """Whether only the best checkpoint of each training seed counts."""
+    """Whether of our own policies only the best checkpoint of each training seed counts."""
 
 
 PROTOCOLS = (
@@ -59,7 +59,7 @@ def main(config: LeaderboardConfig) -> None:
     from benchmark.results import read_all_episodes
 
     folder = Path(config.output_dir)
-    episodes = read_all_episodes(folder)
+    episodes = read_all_episodes(folder, FIRST_TEST_SEED)
     tables = {}
     for protocol in PROTOCOLS:
         rows = counted(episodes, protocol)
@@ -84,7 +84,8 @@ def counted(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
     seeds = range(FIRST_TEST_SEED, FIRST_TEST_SEED + protocol.episodes)
     counts = episodes.setting.isin(protocol.settings) & episodes.episode_seed.isin(seeds)
     if protocol.best_only:
-        counts &= ~episodes.checkpoint.str.fullmatch(r"seed\d+-([2-9]|\d\d+)")
+        lesser = episodes.checkpoint.str.fullmatch(r"seed\d+-([2-9]|\d\d+)")
+        counts &= ~lesser | (episodes.entry_hash != "")  # What an entry calls its policies says nothing of their rank.
     return episodes[counts]
 
 

@@ -88,9 +88,9 @@ def beside_the_paper(table: pd.DataFrame) -> pd.DataFrame:
 def arm_text(rows: pd.DataFrame) -> str:
     """How an arm stood, and what the scripted oracles reach on it."""
     first = rows.iloc[0]
-    binds = [name for name in ("self_collision", "joint_limits") if first[name]]
+    may_bind = {"self-collision": first.self_collision, "joint limits": first.joint_limits}
+    binding = " and ".join(name for name, binds in may_bind.items() if binds) or "nothing"
     oracles = [f"{role}: {oracle_text(first[role])}" for role in ("reference", "ceiling")]
-    binding = " and ".join(binds).replace("_", " ") or "nothing"
     return (
         f"Base {first.base} m, wrist {first.branch}, {binding} binding; code {first.code_version}, commit "
         f"{', '.join(sorted(set(rows.commit)))}. p2 of the {'; of the '.join(oracles)}."

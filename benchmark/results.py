@@ -125,13 +125,16 @@ def row_name(row: Mapping[str, Any]) -> str:
     )
 
 
-def read_all_episodes(folder: Path) -> pd.DataFrame:
+def read_all_episodes(folder: Path, first_seed: int = 0) -> pd.DataFrame:
     """The rows of every `episodes.parquet` under a folder, for publication; an episode in several files counts once.
+
+    Files without any episode from `first_seed` on are left out: what is not published need not be fit for it.
 
     Raises:
         SettingError: If a row is not as it was stored, or two rows of one episode say different things.
     """
-    tables = [read_trusted(file) for file in sorted(folder.rglob("episodes.parquet"))]
+    files = sorted(folder.rglob("episodes.parquet"))
+    tables = [read_trusted(file) for file in files if read_episodes(file.parent).episode_seed.max() >= first_seed]
     if not tables:
         return pd.DataFrame()
     episode = [*IDENTITY, "code_version"]

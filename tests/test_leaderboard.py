@@ -121,6 +121,11 @@ def test_an_oracle_belongs_to_an_arm_only_if_it_stood_alike(transfer_episodes, b
     assert {x["p2"] for x in table.reference["ur5"]} == {0.9} and table.reference["ur3"].isna().all()
 
 
+def test_an_entry_may_call_its_policies_what_it_likes(transfer_episodes):
+    renamed = transfer_episodes.assign(checkpoint="seed42-2")
+    assert set(counted(renamed, STRICT).method) == {"pull-back"}
+
+
 def test_two_policies_of_one_name_are_not_mixed(transfer_episodes):
     rows = counted(transfer_episodes, STRICT).copy()
     rows.loc[rows.index[0], "checkpoint_hash"] = "another"
@@ -139,6 +144,9 @@ def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(transf
     }.items():
         (tmp_path / folder).mkdir(parents=True)
         rows.to_parquet(tmp_path / folder / "episodes.parquet")
+    older = transfer_episodes.query("episode_seed < 100_000").drop(columns="row_hash")
+    (tmp_path / "validation").mkdir()
+    older.to_parquet(tmp_path / "validation" / "episodes.parquet")  # Not signed, but not published either.
     main(config)
     text = (tmp_path / "LEADERBOARD.md").read_text()
     assert "pull-back (entry)" in text and "## Protocol `paper`" in text and "## Protocol `strict`" in text
