@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from pathlib import Path
@@ -796,6 +797,113 @@ class ResponseConfig:
         check_setting(possible, "steps", self.steps, "whole numbers from 1 to 100")
         check_seeds(self.seed_start, max(self.episodes, self.observations))
         check_folder(self.output_dir)
+
+
+@dataclass
+class EntryConfig:
+    """What somebody else's entry says of itself in its `entry.yaml`; paths are relative to its folder."""
+
+    name: str = ""
+    """Name of the method in tables: small letters, digits, - and _."""
+    author: str = ""
+    """Who made it."""
+    description: str = ""
+    """What it does, in a line."""
+    policy: str = ""
+    """Folder of a LeRobot checkpoint of any type that needs no pictures; empty for our policies."""
+    guidance: str = ""
+    """Subclass of policies.guidance.Guidance, as in guidance.py:MyGuidance; empty for none."""
+    field: str = "none"
+    """Field that the class is made with: energy (of similarity to the source), feasibility (signed distance to the
+    border of what the arm can hold, in m) or none."""
+    scale: float = 0.0
+    """Scale that the class is made with, in its own unit."""
+
+    def __post_init__(self) -> None:
+        named = re.fullmatch(r"[a-z0-9][a-z0-9_-]{0,39}", self.name) and self.name not in METHODS
+        check_setting(bool(named), "name", self.name, f"a-z, 0-9, - and _, up to 40, and none of {', '.join(METHODS)}")
+        for name in ("author", "description"):
+            value = getattr(self, name)
+            check_setting(value.strip() and value.isprintable(), name, value, "one line of text")
+        check_setting(self.policy or self.guidance, "policy", self.policy, "a folder, unless there is guidance")
+        form = not self.guidance or re.fullmatch(r".+\.py:\w+", self.guidance)
+        check_setting(bool(form), "guidance", self.guidance, "a file and its class, as in guidance.py:MyGuidance")
+        check_setting(self.field in ("energy", "feasibility", "none"), "field", self.field, "energy, feasibility, none")
+        check_setting(math.isfinite(self.scale), "scale", self.scale, "a number")
+
+
+@dataclass
+class EnterConfig:
+    """Evaluates somebody else's entry on the test episodes, or checks a table that was sent with it."""
+
+    entry: str = ""
+    """Folder of the entry: entry.yaml, and what it names. Its code is run: read it first."""
+    table: str = ""
+    """A table of episodes that was sent with the entry: nothing is stored, the table is checked. Empty to evaluate."""
+    replays: int = 20
+    """With table=: how many of its rows, drawn at random, are replayed; a whole number >= 0."""
+    robots: list[str] = field(default_factory=lambda: list(TASK_ARMS))
+    """Arms, as in robots=[ur3,ur5]; the protocol has all four."""
+    settings: list[str] = field(default_factory=lambda: ["embodied"])
+    """What the arms may do, embodied, best or both, as in settings=[embodied,best] (see benchmark.run)."""
+    episodes: int = 500
+    """Number of test episodes per arm, setting and policy, from seed 100000 on; the protocol has 500."""
+    seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
+    """Training seeds of the policies, the best of each, that an entry without a policy of its own guides."""
+    output_dir: str = "results/entries"
+    """Folder in which a folder of the entry's name gets episodes.parquet and entry.yaml."""
+    device: str = "auto"
+    """Where the policy runs: cpu, cuda, or auto (cuda if there is one)."""
+    slots: int = 10
+    """Rows of the batch in which the policy is evaluated (see benchmark.run); a whole number >= 1."""
+    workers: int = 2
+    """Processes that roll out or sample; results do not depend on it. A whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+    energy: EnergyConfig = field(default_factory=EnergyConfig)
+
+    def __post_init__(self) -> None:
+        check_setting(self.replays >= 0, "replays", self.replays, "a whole number >= 0")
+        check_setting(bool(self.robots), "robots", self.robots, f"some of {', '.join(TASK_ARMS)}")
+        for name in self.settings or [None]:
+            check_setting(name in ("embodied", "best"), "settings", name, "embodied, best")
+        check_setting(bool(self.seeds), "seeds", self.seeds, "one or more whole numbers")
+        for robot in self.robots:
+            self.run(robot, "embodied")
+
+    def run(self, robot: str, setting: str) -> RunConfig:
+        """Settings of an arm's rollouts."""
+        names = {each.name for each in fields(RunConfig)} & {*vars(self)} - {"output_dir"}
+        given = {name: getattr(self, name) for name in names}
+        return RunConfig(robot=RobotConfig(robot), setting=setting, output_dir=self.output_dir, **given)
+
+
+@dataclass
+class ReplayConfig:
+    """Replays stored rows, each alone, and compares every column to the last bit."""
+
+    table: str = "results"
+    """A table of episodes, or a folder: every episodes.parquet under it."""
+    row: str = ""
+    """The row's row_hash, or its first digits, 8 or more."""
+    number: int = -1
+    """The row's number in the table, from 0, instead; -1 for none."""
+    random: int = 0
+    """How many rows, drawn at random, instead of one; a whole number >= 0."""
+    seed: int = 0
+    """Seed of the draw; a whole number >= 0."""
+    policy: str = ""
+    """Folder of the row's policy, where it is none of ours; empty to look for its weights among ours."""
+    entry: str = ""
+    """Folder of the entry that the row is of (see benchmark.enter); empty for a row of our own methods."""
+    workers: int = 2
+    """Processes that sample where a map is to be built; a whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+    energy: EnergyConfig = field(default_factory=EnergyConfig)
+
+    def __post_init__(self) -> None:
+        check_setting(not self.row or len(self.row) >= 8, "row", self.row, "8 or more digits of a row_hash")
+        check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
 
 
 @dataclass

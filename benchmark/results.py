@@ -19,9 +19,12 @@ from envs.outcome import EpisodeOutcome
 IDENTITY = [
     "robot", "setting", "base", "branch", "self_collision", "joint_limits", "orientation_weight", "method", "lambda",
     "sampler", "sampling_steps", "checkpoint_hash", "field_fingerprint", "batch_shape", "slot", "device",
-    "entry_hash", "episode_seed",
+    "episode_seed",
 ]  # fmt: skip
 """Columns that say which episode a row is: a row replaces an older one that agrees in all of them."""
+
+PRODUCER = ["code_version", "entry_hash"]
+"""Columns that say what made a row: with another one it is run again."""
 
 OPTIONAL = {"first_block": "Int64", "first_target": "string", "first_entry_s": "Float64", "failure_cause": "string"}
 """Types of the columns that may hold nothing."""
@@ -68,7 +71,12 @@ class Condition:
     commit: str
     """Git commit of the tree, with + if files were changed; empty outside a checkout."""
     entry_hash: str = ""
-    """SHA-256 of the files of an entry that is not ours; empty for our own methods."""
+    """SHA-256 of the files of an entry that is not ours (`benchmark.entry`); empty for our own methods."""
+
+    def row(self) -> dict[str, object]:
+        """The condition as columns of the table."""
+        row = {each.name: getattr(self, each.name) for each in fields(self)}
+        return row | {"lambda": row.pop("guidance_scale")}
 
 
 @dataclass(frozen=True)
@@ -83,10 +91,8 @@ class Episode:
 
     def row(self) -> dict[str, object]:
         """The episode as one flat row of the table, signed with its hash in the column `row_hash`."""
-        condition = {f.name: getattr(self.condition, f.name) for f in fields(self.condition)}
-        condition["lambda"] = condition.pop("guidance_scale")
         outcome = {f.name: getattr(self.outcome, f.name) for f in fields(self.outcome)}
-        row = {**condition, "episode_seed": self.episode_seed, "slot": self.slot, **outcome}
+        row = {**self.condition.row(), "episode_seed": self.episode_seed, "slot": self.slot, **outcome}
         return row | {"row_hash": row_hash(row)}
 
 
@@ -101,12 +107,12 @@ def row_hash(row: Mapping[str, Any]) -> str:
     It is that of JSON with sorted keys. What holds nothing is left out, and a whole number is an integer whatever its
     column's type: a way through Parquet changes nothing, nor does an empty column that came later.
     """
-    values = {name: _plain(value) for name, value in row.items() if name != "row_hash"}
+    values = {name: plain(value) for name, value in row.items() if name != "row_hash"}
     known = {name: value for name, value in values.items() if value is not None}
     return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """A value as JSON has it; None for NaN and whatever else pandas has for nothing."""
     if isinstance(value, np.ndarray | list | tuple | np.generic):
         value = np.asarray(value).tolist()
@@ -120,7 +126,7 @@ def _plain(value: Any) -> Any:
 def row_name(row: Mapping[str, Any]) -> str:
     """What a row is called where it is refused."""
     return (
-        f"{row['robot']}, {row['setting']}, {row['method']} {row['lambda']:g}, {row['checkpoint']}, "
+        f"{row['robot']}, {row['setting']}, {row['method']} {row['lambda']}, {row['checkpoint']}, "
         f"episode {row['episode_seed']}"
     )
 
@@ -137,7 +143,7 @@ def read_all_episodes(folder: Path, first_seed: int = 0) -> pd.DataFrame:
     tables = [read_trusted(file) for file in files if read_episodes(file.parent).episode_seed.max() >= first_seed]
     if not tables:
         return pd.DataFrame()
-    episode = [*IDENTITY, "code_version"]
+    episode = [*IDENTITY, *PRODUCER]
     table = pd.concat(tables, ignore_index=True)
     table = table.drop_duplicates([*episode, "score", "success_at_end", "length"], ignore_index=True)
     doubled = table[table.duplicated(episode)]
@@ -156,11 +162,11 @@ def read_trusted(file: Path) -> pd.DataFrame:
     Raises:
         SettingError: If one is not, or the code that stored them did not sign them yet.
     """
-    table = read_episodes(file.parent)
+    table = read_table(file)
     missing = COLUMNS - set(table)
     if missing or table.row_hash.isna().any():
         lacks = ", ".join(sorted(missing)) or "row_hash in some rows"
-        raise SettingError(f"{file} was stored by older code: it lacks {lacks}. Move it away and run again.")
+        raise SettingError(f"{file} was stored by older code: it lacks {lacks}. Run its command again.")
     for number, row in enumerate(table.to_dict("records")):
         if row_hash(row) != row["row_hash"]:
             raise SettingError(
@@ -172,7 +178,15 @@ def read_trusted(file: Path) -> pd.DataFrame:
 
 def read_episodes(output_dir: Path) -> pd.DataFrame:
     """All stored episodes; an empty table with no columns if there are none."""
-    file = output_dir / "episodes.parquet"
+    return read_table(output_dir / "episodes.parquet")
+
+
+def read_table(file: Path) -> pd.DataFrame:
+    """The same of a table of any name.
+
+    Raises:
+        SettingError: If it is cut short or damaged.
+    """
     try:
         return pd.read_parquet(file) if file.exists() else pd.DataFrame()
     except ArrowInvalid as error:
@@ -190,13 +204,24 @@ def store_episodes(output_dir: Path, episodes: list[Episode]) -> None:
             table.to_parquet(path, index=False)
 
 
+def drop_outdated(output_dir: Path, condition: Condition) -> int:
+    """Remove the rows that other code, or other files of an entry, made than a condition's; gives their number."""
+    if not (output_dir / "episodes.parquet").exists():
+        return 0
+    with FileLock(output_dir / ".episodes.lock"):
+        table, row = read_episodes(output_dir), condition.row()
+        kept = table[(table[PRODUCER] == [row[name] for name in PRODUCER]).all(axis=1)]
+        with replacing(output_dir / "episodes.parquet") as path:
+            kept.to_parquet(path, index=False)
+    return len(table) - len(kept)
+
+
 def episodes_of(table: pd.DataFrame, condition: Condition) -> pd.DataFrame:
-    """The rows of a condition that this version of the code produced."""
-    if table.empty:
-        return table
-    row = {f.name: getattr(condition, f.name) for f in fields(condition)}
-    row["lambda"] = row.pop("guidance_scale")
-    same = [name for name in IDENTITY if name in row] + ["code_version"]
+    """The rows of a condition that this version of the code, and of the entry, produced."""
+    row = condition.row()
+    same = [name for name in IDENTITY if name in row] + PRODUCER
+    if not {*same} <= {*table}:  # Empty, or of older code.
+        return table[:0]
     mask = pd.Series(True, index=table.index)
     for name in same:
         mask &= table[name] == row[name]

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
 
+    from benchmark.results import Condition
     from benchmark.rollout import Rollout
     from envs.arms import ArmSetting
     from richmap.energy import EnergyField
@@ -79,25 +80,39 @@ def checkpoint_folder(seed: int, rank: int = 1) -> Path:
 
 def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Console") -> "Rollout":
     """What is rolled out at one lambda; builds the field if one is needed and not in the cache."""
+    from benchmark.arm import chosen_arm
+    from benchmark.rollout import Rollout
+
+    arm, method = chosen_arm(config), config.method if scale > 0 else "direct"
+    field, path = guidance_field(METHODS[method].field, arm, config, console)
+    return Rollout(make_condition(config, arm, method, scale, checkpoint, field), checkpoint, path)
+
+
+def make_condition(
+    config: RunConfig,
+    arm: "ArmSetting",
+    method: str,
+    scale: float,
+    checkpoint: Path,
+    field: "EnergyField | None",
+    entry_hash: str = "",
+) -> "Condition":
+    """What a policy on an arm is run with, with the code and the device of this machine."""
     import math
 
     import torch
 
-    from benchmark.arm import chosen_arm
     from benchmark.results import Condition
-    from benchmark.rollout import Rollout, code_version, commit
+    from benchmark.rollout import code_version, commit
 
     device = config.device
     if device == "auto":
         device = "cuda" if torch.cuda.is_available() else "cpu"
     if device == "cuda" and not torch.cuda.is_available():
         raise SettingError("device=cuda is not available: PyTorch finds no GPU here. Use device=cpu or device=auto.")
-    arm = chosen_arm(config)
-    method = config.method if scale > 0 else "direct"
-    field, field_path = guidance_field(METHODS[method].field, arm, config, console)
     source = Checkpoint(checkpoint)
     sampler, steps = (config.sampler, config.sampling_steps) if source.type == GUIDED else source.sampler
-    condition = Condition(
+    return Condition(
         robot=arm.robot,
         setting=arm.name,
         base=" ".join(f"{x:g}" for x in arm.base),
@@ -118,8 +133,8 @@ def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Co
         device=device,
         code_version=code_version(),
         commit=commit(),
+        entry_hash=entry_hash,
     )
-    return Rollout(condition, checkpoint, field_path)
 
 
 def guidance_field(

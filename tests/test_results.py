@@ -136,11 +136,14 @@ def test_an_edited_row_is_not_published_and_named(tmp_path):
 
 def test_rows_of_code_that_did_not_sign_them_are_not_published(tmp_path):
     edited(tmp_path, row_hash=None)
-    with pytest.raises(SettingError, match="older code: it lacks row_hash in some rows. Move it away and run again"):
+    with pytest.raises(SettingError, match="older code: it lacks row_hash in some rows. Run its command again"):
         read_all_episodes(tmp_path)
     read_episodes(tmp_path).drop(columns=["row_hash", "path_x"]).to_parquet(tmp_path / "episodes.parquet")
     with pytest.raises(SettingError, match="older code: it lacks path_x, row_hash"):
         read_all_episodes(tmp_path)
+    assert episodes_of(read_episodes(tmp_path).drop(columns="entry_hash"), CONDITION).empty  # so they are run again,
+    store_episodes(tmp_path, [episode(seed) for seed in (1, 2, 3)])  # and replaced.
+    assert len(read_all_episodes(tmp_path)) == 3
 
 
 def test_an_episode_in_two_files_counts_once_unless_they_contradict_each_other(tmp_path):

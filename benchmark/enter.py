@@ -1,0 +1,144 @@
+"""Somebody else's entry on the test episodes, by one command; and whether a table that was sent with it can be trusted.
+
+python -m benchmark.enter entry=my_entry
+python -m benchmark.enter entry=their_entry table=their_entry.parquet
+"""
+
+import shutil
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from benchmark.command import SettingError, check_setting, run_command
+from benchmark.config import EnterConfig, RunConfig
+from benchmark.entry import Entry
+from benchmark.outputs import replacing
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.console import Console
+
+    from benchmark.rollout import Rollout
+
+SHOWN = 20
+"""Most refusals that are shown one by one."""
+
+
+def main(config: EnterConfig) -> None:
+    """Roll the entry out where that is not stored yet. Or, with table=, check what was sent with it: its rows have to
+    be those that this tree makes of the entry, none missing, doubled or edited, and some of them are replayed. The
+    exit status is 1 if it is refused."""
+    check_setting(bool(config.entry), "entry", config.entry, "the folder of an entry, as in entry=my_entry")
+    entry = Entry.load(Path(config.entry))
+    checkpoints = entry.checkpoints(config.seeds)
+    if config.table and not Path(config.table).is_file():
+        raise SettingError(f"table={config.table} is not there. Give a Parquet file of episodes.")
+    from rich.console import Console
+
+    console = Console()
+    runs = [config.run(robot, setting) for setting in config.settings for robot in config.robots]
+    rollouts = [entry.rollout(run, checkpoint, console) for run in runs for checkpoint in checkpoints]
+    if config.table:
+        check(config, rollouts, console)
+    else:
+        run = replace(runs[0], output_dir=str(Path(config.output_dir, entry.about.name)))
+        evaluate(entry, rollouts, run, console)
+
+
+def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, console: "Console") -> None:
+    """Roll out and store what is missing, and print the scores of each arm, setting and policy."""
+    from benchmark.leaderboard import SCORES, leaderboard, with_interval
+    from benchmark.results import drop_outdated
+    from benchmark.run import run_and_store_all
+
+    folder = Path(run.output_dir)
+    with replacing(folder / "entry.yaml") as path:
+        shutil.copyfile(entry.folder / "entry.yaml", path)
+    if dropped := drop_outdated(folder, rollouts[0].condition):
+        console.print(f"{dropped} rows that other files of the entry or older code made are dropped and run again.")
+    tables = run_and_store_all(rollouts, run, entry.about.name, console)
+    for row in (leaderboard(table).iloc[0] for table in tables):
+        scores = ", ".join(f"{name} {with_interval(row, name)}" for name in SCORES)
+        console.print(f"{row.robot}, {row.setting}, {row.checkpoint}, n = {row.n}: {scores}", soft_wrap=True)
+    console.print(f"Episodes: {folder / 'episodes.parquet'}", soft_wrap=True)
+
+
+def check(config: EnterConfig, rollouts: "Sequence[Rollout]", console: "Console") -> None:
+    """Say why the table is refused, and end with status 1, or that it is accepted."""
+    from benchmark.results import read_trusted
+
+    table = read_trusted(Path(config.table))
+    refused = list(refusals(table, rollouts, range(100_000, 100_000 + config.episodes)))
+    if not refused:
+        sample = table.sample(min(config.replays, len(table))).sort_values(["robot", "checkpoint"])
+        refused = list(replayed_otherwise(sample, rollouts))
+    for reason in refused[:SHOWN]:
+        console.print(f"Refused: {reason}", soft_wrap=True, highlight=False)
+    if refused:
+        more = f" ({len(refused)} reasons in all)" if len(refused) > SHOWN else ""
+        way_out = f"Make its rows here: python -m benchmark.enter entry={config.entry}"
+        console.print(f"{config.table} is refused{more}. {way_out}", soft_wrap=True)
+        sys.exit(1)
+    accepted = f"{config.table} is accepted: {len(table)} rows, of which {len(sample)} replay to the last bit."
+    console.print(accepted, soft_wrap=True)
+
+
+def refusals(table: "pd.DataFrame", rollouts: "Sequence[Rollout]", seeds: range) -> Iterator[str]:
+    """Why rows are not those of the rollouts on these episode seeds, row by row."""
+    from benchmark.results import row_name
+
+    found: Counter[tuple[int, int]] = Counter()
+    for number, row in enumerate(table.to_dict("records")):
+        which, differing = nearest(row, rollouts)
+        seed, shape = row["episode_seed"], rollouts[which].condition.batch_shape
+        name = f"row {number} ({row_name(row)})"
+        if differing:
+            said = ", ".join(f"{column} is {stored}, not {ours}" for column, (stored, ours) in differing.items())
+            yield f"{name}: {said}."
+        elif seed not in seeds:
+            yield f"{name}: its seed is none of the protocol's, {seeds[0]} to {seeds[-1]}."
+        elif row["slot"] != seed % shape:
+            yield f"{name}: slot is {row['slot']}, not {seed % shape}."
+        elif found[which, seed]:
+            yield f"{name} is there already."
+        else:
+            found[which, seed] += 1
+    for which, rollout in enumerate(rollouts):
+        for seed in seeds:
+            if not found[which, seed]:
+                yield f"{row_name(rollout.condition.row() | {'episode_seed': seed})} is missing."
+
+
+def nearest(row: Mapping[str, Any], rollouts: "Sequence[Rollout]") -> tuple[int, dict[str, tuple[Any, Any]]]:
+    """Which rollout a row differs least from, and the columns in which it does: the row's value and the rollout's."""
+    from benchmark.results import plain
+
+    differing = []
+    for rollout in rollouts:
+        pairs = {name: (plain(row[name]), plain(value)) for name, value in rollout.condition.row().items()}
+        differing.append({name: pair for name, pair in pairs.items() if name != "commit" and pair[0] != pair[1]})
+    which = min(range(len(rollouts)), key=lambda i: len(differing[i]))
+    return which, differing[which]
+
+
+def replayed_otherwise(rows: "pd.DataFrame", rollouts: "Sequence[Rollout]") -> Iterator[str]:
+    """Which columns of rows come out otherwise here."""
+    from benchmark.progress import progress_bar
+    from benchmark.replay import differences
+    from benchmark.results import row_name
+
+    with progress_bar() as progress:
+        for row in progress.track(rows.to_dict("records"), description="Replays"):
+            differing = differences(row, rollouts[nearest(row, rollouts)[0]])
+            if differing:
+                said = ", ".join(
+                    f"{name} is {stored}, not {replayed}" for name, (stored, replayed) in differing.items()
+                )
+                yield f"{row_name(row)}, replayed: {said}."
+
+
+if __name__ == "__main__":
+    run_command(main, EnterConfig, "enter")

@@ -1,0 +1,225 @@
+"""Replays stored rows, each alone, and says for each column whether it is bit-equal.
+
+python -m benchmark.replay table=results row=<row_hash>
+python -m benchmark.replay table=results/entries/mine entry=mine random=20
+"""
+
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from benchmark.checkpoint import GUIDED, Checkpoint
+from benchmark.command import SettingError, check_setting, run_command
+from benchmark.config import ArmConfig, ReplayConfig, RobotConfig, RunConfig
+from benchmark.run import CHECKPOINTS, make_rollout
+from policies.methods import METHODS
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.console import Console
+
+    from benchmark.entry import Entry
+    from benchmark.rollout import Rollout
+
+NOT_REPLAYED = {"commit", "row_hash"}
+"""Columns that say where a row came from and that it is as it was stored, not what happened."""
+
+
+def main(config: ReplayConfig) -> None:
+    """Replay the chosen rows. The exit status is 1 if a column of one is not bit-equal."""
+    from rich.console import Console
+
+    from benchmark.results import row_hash, row_name
+
+    console, equal = Console(), True
+    for row in chosen_rows(config).to_dict("records"):
+        console.print(f"{row_name(row)} ({row['row_hash']})", soft_wrap=True, highlight=False)
+        differing = differences(row, row_rollout(row, config, console))
+        if row_hash(row) != row["row_hash"]:
+            differing["row_hash"] = row["row_hash"], "another one: the row was edited after it was stored"
+        same = [name for name in row if name not in {*differing, *NOT_REPLAYED}]
+        console.print(f"  bit-equal: {', '.join(same)}", soft_wrap=True, highlight=False)
+        for name, (stored, replayed) in differing.items():
+            console.print(f"  differs: {name}, stored {stored}, replayed {replayed}", soft_wrap=True, highlight=False)
+        equal &= not differing
+    if not equal:
+        print("Not bit-equal. On the machine that stored it a row replays to the last bit, elsewhere it need not.")
+        sys.exit(1)
+
+
+def chosen_rows(config: ReplayConfig) -> "pd.DataFrame":
+    """The rows to replay.
+
+    Raises:
+        SettingError: If there is no such row.
+    """
+    import pandas as pd
+
+    from benchmark.results import read_table
+
+    chosen = (config.row != "") + (config.number >= 0) + (config.random > 0)
+    check_setting(chosen == 1, "row", config.row, "exactly one of row=<row_hash>, number=<row> and random=<rows>")
+    path = Path(config.table)
+    files = sorted(path.rglob("episodes.parquet")) if path.is_dir() else [path]
+    tables = [table for table in map(read_table, files) if "row_hash" in table]
+    if not tables:
+        raise SettingError(
+            f"table={path} has no episodes whose rows have a row_hash. Make some: python -m benchmark.run"
+        )
+    if config.number >= 0 and len(files) > 1:
+        raise SettingError(f"number={config.number} needs one table. Under {path} there are {len(files)}.")
+    table = pd.concat(tables, ignore_index=True)
+    if config.row:
+        rows = table[table.row_hash.str.startswith(config.row, na=False)]
+    elif config.number >= 0:
+        rows = table.iloc[config.number : config.number + 1]
+    else:
+        rows = table.sample(min(config.random, len(table)), random_state=config.seed).sort_values("checkpoint")
+    if rows.empty:
+        raise SettingError(
+            f"table={path} has no row {config.row or config.number}: it has {len(table)} rows, such as number=0, "
+            f"row={table.row_hash.iloc[0]}."
+        )
+    return rows
+
+
+def differences(row: Mapping[str, Any], rollout: "Rollout") -> dict[str, tuple[Any, Any]]:
+    """Columns in which an episode, rolled out alone, differs from its row: stored and replayed value."""
+    import torch
+
+    from benchmark.results import plain
+    from benchmark.rollout import play
+
+    torch.set_num_threads(1)  # As in a rollout's worker process.
+    (episode,) = play(rollout, [row["episode_seed"]])
+    values = {name: (plain(row.get(name)), plain(value)) for name, value in episode.row().items()}
+    return {name: pair for name, pair in values.items() if name not in NOT_REPLAYED and pair[0] != pair[1]}
+
+
+def row_rollout(row: Mapping[str, Any], config: ReplayConfig, console: "Console") -> "Rollout":
+    """What a row was rolled out with, from the pieces that are on this machine.
+
+    Raises:
+        SettingError: If the code is another one, or a piece is missing.
+    """
+    import torch
+
+    from benchmark.results import row_name
+    from benchmark.rollout import code_version
+
+    if row["code_version"] != code_version():
+        raise SettingError(
+            f"{row_name(row)} was run by code {row['code_version']}, and this tree's is {code_version()}: the code "
+            "has changed since, so the row cannot be expected to replay. Check its commit out: "
+            f"{row['commit'] or 'unknown'}."
+        )
+    if row["device"] == "cuda" and not torch.cuda.is_available():
+        raise SettingError(f"{row_name(row)} ran on a GPU, and PyTorch finds none here. Replay it where it ran.")
+    entry = row_entry(row, config.entry)
+    checkpoint = row_checkpoint(row, config.policy, entry)
+    run = row_settings(row, config, Checkpoint(checkpoint).type == GUIDED)
+    if entry is None:
+        rollout = make_rollout(run, row["lambda"], checkpoint, console)
+    else:
+        rollout = entry.rollout(run, checkpoint, console)
+    made, stored = rollout.condition.field_fingerprint, row["field_fingerprint"]
+    if made != stored:
+        raise SettingError(
+            f"{row_name(row)} was guided by the field {stored[:16] or 'none'}, and these settings make "
+            f"{made[:16] or 'none'}. Give the map.* and energy.* that it was made with."
+        )
+    return rollout
+
+
+def row_entry(row: Mapping[str, Any], folder: str) -> "Entry | None":
+    """The entry that a row is of; None for one of our own methods.
+
+    Raises:
+        SettingError: If it is not the one in the folder, or the method is neither an entry's nor ours.
+    """
+    from benchmark.entry import Entry
+    from benchmark.results import row_name
+
+    if not row["entry_hash"]:
+        if row["method"] not in METHODS:
+            raise SettingError(f"{row_name(row)}: there is no method {row['method']!r}. Methods: {', '.join(METHODS)}.")
+        return None
+    if not folder:
+        raise SettingError(f"{row_name(row)} is of an entry. Give its folder: entry=<folder>.")
+    entry = Entry.load(Path(folder))
+    if entry.files_hash != row["entry_hash"]:
+        raise SettingError(
+            f"{row_name(row)} is of an entry whose files have the hash {row['entry_hash'][:16]}, and those in "
+            f"{folder} have {entry.files_hash[:16]}. Give the folder as it was."
+        )
+    return entry
+
+
+def row_checkpoint(row: Mapping[str, Any], policy: str, entry: "Entry | None") -> Path:
+    """Folder of a row's policy: in the folder that is named, in the entry, or among ours.
+
+    Raises:
+        SettingError: If its weights are not there.
+    """
+    from benchmark.results import row_name
+
+    if policy:
+        folders = [Checkpoint.from_path(policy).folder]
+    elif entry is not None and entry.about.policy:
+        folders = entry.checkpoints([])
+    else:
+        folders = [file.parent for root in CHECKPOINTS for file in sorted(root.glob("*/model.safetensors"))]
+        folders.sort(key=lambda folder: folder.name != row["checkpoint"])
+    for folder in folders:
+        if weights_hash(folder) == row["checkpoint_hash"]:
+            return folder
+    raise SettingError(
+        f"{row_name(row)}: no policy with the weights {row['checkpoint_hash'][:16]} is in "
+        f"{', '.join(map(str, folders)) or 'the known folders'}. Give its folder: policy=<folder>."
+    )
+
+
+@lru_cache
+def weights_hash(folder: Path) -> str:
+    """That of the checkpoint in a folder, read once."""
+    return Checkpoint(folder).weights_hash
+
+
+def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> RunConfig:
+    """The settings of `benchmark.run` that make a row's condition.
+
+    Args:
+        row: The row.
+        config: Settings of the field, but for the size of its cells.
+        guided: Whether the policy is of our type, whose sampler is set.
+    """
+    energy = row["method"] in METHODS and METHODS[row["method"]].field == "energy"
+    arm = ArmConfig(
+        base=[float(x) for x in row["base"].split()],
+        wrist=row["branch"],
+        self_collision=row["self_collision"],
+        orientation_weight=row["orientation_weight"],
+    )
+    ours = {}
+    if row["method"] in METHODS:
+        ours = {"method": "paper" if row["method"] == "direct" else row["method"], "guidance_scale": row["lambda"]}
+    sampler = {"sampler": row["sampler"], "sampling_steps": row["sampling_steps"]} if guided else {}
+    return RunConfig(
+        robot=RobotConfig(row["robot"]),
+        setting=row["setting"],
+        arm=arm,
+        slots=row["batch_shape"],
+        device=row["device"],
+        workers=config.workers,
+        map=replace(config.map, cell_size=row["cell_size"]) if energy else config.map,
+        energy=config.energy,
+        **ours,
+        **sampler,
+    )
+
+
+if __name__ == "__main__":
+    run_command(main, ReplayConfig, "replay")
