@@ -50,9 +50,9 @@ def main(config: EnterConfig) -> None:
 
 def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, console: "Console") -> None:
     """Roll out and store what is missing, and print the scores of each arm, setting and policy."""
-    from benchmark.leaderboard import SCORES, leaderboard, with_interval
     from benchmark.results import drop_outdated
     from benchmark.run import run_and_store_all
+    from benchmark.scores import SCORES, by_condition, with_interval
 
     folder = Path(run.output_dir)
     with replacing(folder / "entry.yaml") as path:
@@ -60,7 +60,7 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     if dropped := drop_outdated(folder, rollouts[0].condition):
         console.print(f"{dropped} rows that other files of the entry or older code made are dropped and run again.")
     tables = run_and_store_all(rollouts, run, entry.about.name, console)
-    for row in (leaderboard(table).iloc[0] for table in tables):
+    for row in (by_condition(table).iloc[0] for table in tables):
         scores = ", ".join(f"{name} {with_interval(row, name)}" for name in SCORES)
         console.print(f"{row.robot}, {row.setting}, {row.checkpoint}, n = {row.n}: {scores}", soft_wrap=True)
     console.print(f"Episodes: {folder / 'episodes.parquet'}", soft_wrap=True)

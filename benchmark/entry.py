@@ -40,12 +40,14 @@ class Entry:
             raise SettingError(f"entry={folder} is no entry: it lacks entry.yaml. See 'Enter your own' in README.md.")
         try:
             said = OmegaConf.load(file)
-        except YAMLError as error:
-            raise SettingError(f"{file} is no YAML: {error}") from error
+        except (YAMLError, OSError, UnicodeError) as error:
+            raise SettingError(f"{file} cannot be read: {error}") from error
         known = [each.name for each in fields(EntryConfig)]
-        keys = set(said) if isinstance(said, DictConfig) else {said}
-        if unknown := sorted(map(str, keys - set(known))):
+        if not isinstance(said, DictConfig):
+            raise SettingError(f"{file} is not lines of key: value. It may say: {', '.join(known)}.")
+        if unknown := sorted(map(str, {*said} - {*known})):
             raise SettingError(f"{file}: there is no {', '.join(unknown)}. It may say: {', '.join(known)}.")
+        said = OmegaConf.create({key: value for key, value in said.items() if value is not None})
         try:
             about = typed(said, EntryConfig)
         except SettingError as error:

@@ -80,3 +80,42 @@ def transfer_episodes():
             )
     table += rows("ur3", "embodied", "pull-back", 1.0, 0.7, best, range(100_045, 100_055), "e" * 64)
     return pd.DataFrame(table).astype(OPTIONAL)
+
+
+def synthetic_dataset(tmp_path_factory):
+    """A dataset of two made-up demonstrations, laid out as ours are."""
+    from benchmark.demonstration import Demonstration
+    from benchmark.demonstration_dataset import write_dataset
+
+    rng = np.random.default_rng(0)
+    root = tmp_path_factory.mktemp("demonstrations") / "synthetic"
+    end = np.arange(12) == 11
+    episodes = [
+        Demonstration(
+            seed, "clean", 1, rng.uniform(0.2, 0.5, (12, 16)).astype(np.float32),
+            rng.uniform(-0.03, 0.03, (12, 2)).astype(np.float32), end.astype(np.float32), end,
+        )
+        for seed in range(2)
+    ]  # fmt: skip
+    write_dataset(episodes, root, 2)
+    return root
+
+
+@pytest.fixture(scope="session")
+def untrained(synthetic_dataset, tmp_path_factory):
+    """LeRobot's own diffusion policy, with random weights: it samples by DDPM, which draws noise at every step."""
+    import torch
+    from lerobot.datasets import LeRobotDatasetMetadata
+    from lerobot.policies import make_policy, make_policy_config, make_pre_post_processors
+
+    torch.manual_seed(0)
+    meta = LeRobotDatasetMetadata("local/synthetic", root=synthetic_dataset)
+    config = make_policy_config(
+        "diffusion", device="cpu", down_dims=(8,), n_groups=4, num_inference_steps=3, diffusion_step_embed_dim=8
+    )
+    policy = make_policy(config, ds_meta=meta)
+    folder = tmp_path_factory.mktemp("diffusion")
+    policy.save_pretrained(folder)
+    for processor in make_pre_post_processors(policy.config, dataset_stats=meta.stats):
+        processor.save_pretrained(folder)
+    return folder

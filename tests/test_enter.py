@@ -1,0 +1,202 @@
+"""Somebody else's entry: evaluated by one command, and the tables that are sent with one."""
+
+import re
+import shutil
+from dataclasses import fields
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from benchmark import enter, rollout
+from benchmark.command import SettingError
+from benchmark.config import EnterConfig
+from benchmark.entry import Entry
+from benchmark.results import Episode, read_episodes, read_trusted, row_hash
+from benchmark.run import checkpoint_folder
+from envs.outcome import EpisodeOutcome
+
+ROOT = Path(__file__).parents[1]
+SEEDS = [100_000, 100_001, 100_002]
+
+
+def write_entry(folder, **values):
+    """An entry with the class of the README."""
+    readme = (ROOT / "README.md").read_text()
+    (code,) = [code for code in re.findall(r"```python\n(.*?)```", readme, re.DOTALL) if "class Slower" in code]
+    (about,) = [text for text in re.findall(r"```yaml\n(.*?)```", readme, re.DOTALL) if "half-speed" in text]
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "guidance.py").write_text(code)
+    for name, value in values.items():
+        line = re.compile(rf"^{name}:.*$", re.MULTILINE)
+        about = line.sub(f"{name}: {value}", about) if line.search(about) else f"{about}{name}: {value}\n"
+    (folder / "entry.yaml").write_text(about)
+    return folder
+
+
+def settings(entry, output, **values):
+    few = {"robots": ["xarm6"], "seeds": [42], "episodes": len(SEEDS), "slots": 3, "workers": 1, "device": "cpu"}
+    return EnterConfig(entry=str(entry), output_dir=str(output), **few | values)
+
+
+@pytest.fixture(scope="module")
+def entry(tmp_path_factory):
+    """One that changes nothing, so that its episodes are short."""
+    return write_entry(tmp_path_factory.mktemp("entry") / "mine", name="mine", scale=1.0, field="feasibility")
+
+
+@pytest.fixture(scope="module")
+def entered(entry, tmp_path_factory):
+    output = tmp_path_factory.mktemp("entries")
+    enter.main(settings(entry, output))
+    return output
+
+
+def test_an_entry_with_a_guidance_class_is_evaluated_and_its_rows_are_accepted(entry, entered, capsys):
+    table = read_trusted(entered / "mine" / "episodes.parquet")
+    assert table.episode_seed.tolist() == SEEDS and table.p2.all()
+    assert {*table.method} == {"mine"} and {*table.checkpoint} == {"seed42-1"} and (table.cell_size == 0.02).all()
+    assert {*table.entry_hash} == {Entry.load(entry).files_hash}
+    assert (entered / "mine" / "entry.yaml").read_text() == (entry / "entry.yaml").read_text()
+    enter.main(settings(entry, entered, table=str(entered / "mine" / "episodes.parquet"), replays=1))
+    assert "is accepted: 3 rows, of which 1 replay to the last bit" in " ".join(capsys.readouterr().out.split())
+
+
+def sent(entered, folder, change, sign=True):
+    """A table as somebody might send it, signed anew."""
+    rows = change(read_episodes(entered / "mine").to_dict("records"))
+    for row in rows if sign else []:
+        row["row_hash"] = row_hash(row)
+    file = folder / "sent.parquet"
+    pd.DataFrame(rows).to_parquet(file)
+    return str(file)
+
+
+def edit(number, **values):
+    return lambda rows: [row | values if i == number else row for i, row in enumerate(rows)]
+
+
+@pytest.mark.parametrize(
+    ("change", "reasons"),
+    [
+        (
+            edit(1, episode_seed=50_001),
+            [
+                r"row 1 \(xarm6, .*, mine 1.0, seed42-1, episode 50001\): its seed is none of the protocol's, 100000",
+                r"xarm6, embodied, mine 1.0, seed42-1, episode 100001 is missing",
+            ],
+        ),
+        (edit(2, code_version="0123"), [r"row 2 .*episode 100002\): code_version is 0123, not "]),
+        (edit(0, setting="original", self_collision=False), [r"row 0 .*setting is original, not embodied"]),
+        (edit(0, entry_hash="0123"), [r"row 0 .*entry_hash is 0123, not "]),
+        (edit(0, slot=2), [r"row 0 .*slot is 2, not 1"]),
+        (edit(1, episode_seed=100_000, slot=1), [r"row 1 .*is there already", r"100001 is missing"]),
+        (lambda rows: rows[1:], [r"episode 100000 is missing"]),
+    ],
+)
+def test_rows_that_are_not_the_protocols_are_refused_by_name(entry, entered, tmp_path, capsys, change, reasons):
+    with pytest.raises(SystemExit, match="1"):
+        enter.main(settings(entry, tmp_path, table=sent(entered, tmp_path, change)))
+    shown = capsys.readouterr().out
+    for reason in reasons:
+        assert re.search(f"Refused: .*{reason}", shown), shown
+    assert "is refused. Make its rows here: python -m benchmark.enter entry=" in shown
+
+
+def test_an_edited_number_is_refused(entry, entered, tmp_path, capsys):
+    edited = edit(1, success_at_end=False)
+    with pytest.raises(SettingError, match=r"row 1 \(.*episode 100001\) is not as it was stored"):
+        enter.main(settings(entry, tmp_path, table=sent(entered, tmp_path, edited, sign=False)))
+    with pytest.raises(SystemExit, match="1"):  # Signed anew, a replay finds it.
+        enter.main(settings(entry, tmp_path, table=sent(entered, tmp_path, edited)))
+    assert re.search("Refused: .*episode 100001, replayed: success_at_end is False, not True", capsys.readouterr().out)
+
+
+def test_a_changed_entry_is_run_again_and_nothing_else(entry, entered, tmp_path, monkeypatch, capsys):
+    table, ran = read_episodes(entered / "mine"), []
+    row = table.to_dict("records")[0] | {"failure_cause": None, "path_x": (400,), "path_y": (-200,)}
+    outcome = EpisodeOutcome(**{each.name: row[each.name] for each in fields(EpisodeOutcome)})
+
+    def play(rolled, seeds):
+        ran.extend(seeds)
+        return [Episode(rolled.condition, seed, seed % 3, outcome) for seed in seeds]
+
+    monkeypatch.setattr(rollout, "play", play)
+    shutil.copytree(entered / "mine", tmp_path / "mine")
+    enter.main(settings(entry, tmp_path))
+    assert ran == [] and read_episodes(tmp_path / "mine").equals(table)
+    other = shutil.copytree(entry, tmp_path / "other")
+    (other / "guidance.py").write_text((other / "guidance.py").read_text() + "# Better.\n")
+    enter.main(settings(other, tmp_path))
+    assert ran == SEEDS
+    assert "3 rows that other files of the entry or older code made are dropped" in " ".join(
+        capsys.readouterr().out.split()
+    )
+    assert {*read_episodes(tmp_path / "mine").entry_hash} == {Entry.load(other).files_hash}
+
+
+def test_a_policy_of_lerobots_is_an_entry(untrained, tmp_path):
+    entry = write_entry(tmp_path / "theirs", name="theirs", policy="weights", guidance="", scale=0.0)
+    shutil.copytree(untrained, entry / "weights")
+    enter.main(settings(entry, tmp_path / "out", robots=["ur3"], episodes=1))
+    (row,) = read_trusted(tmp_path / "out" / "theirs" / "episodes.parquet").to_dict("records")
+    assert (row["method"], row["checkpoint"], row["sampler"], row["length"]) == ("theirs", "weights", "DDPM", 350)
+
+
+def test_a_policy_of_our_type_is_an_entry_and_is_left_as_it_is(entry, entered, tmp_path):
+    own = write_entry(tmp_path / "own", name="own", policy="weights", guidance="")
+    shutil.copytree(checkpoint_folder(42), own / "weights")
+    enter.main(settings(own, tmp_path / "out", episodes=1))
+    (row,) = read_trusted(tmp_path / "out" / "own" / "episodes.parquet").to_dict("records")
+    same = read_episodes(entered / "mine").iloc[0]  # Which changes nothing either.
+    assert row["checkpoint_hash"] == same.checkpoint_hash and row["path_x"].tolist() == same.path_x.tolist()
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (
+            {"name": "paper"},
+            "entry.yaml: name=paper is not allowed. Allowed: a-z, 0-9, - and _, up to 40, and none of dir",
+        ),
+        ({"name": "Ümläut"}, "entry.yaml: name=Ümläut is not allowed"),
+        ({"author": '""'}, "author= is not allowed. Allowed: one line of text"),
+        ({"guidance": ""}, "policy= is not allowed. Allowed: a folder, unless there is guidance"),
+        ({"guidance": "guidance.py"}, "guidance=guidance.py is not allowed. Allowed: a file and its class, as in"),
+        ({"field": "magic"}, "field=magic is not allowed. Allowed: energy, feasibility, none"),
+        ({"scale": "much"}, "scale=much is not allowed. scale: Scale that the class is made with"),
+        ({"lambda": 1}, "there is no lambda. It may say: name, author, description, policy, guidance, field, scale"),
+        ({"author": "[a"}, "entry.yaml cannot be read: while parsing a flow sequence"),
+        ({"guidance": "../guidance.py:Slower"}, "../guidance.py lies outside of the entry. Copy it there"),
+        ({"guidance": "guidance.py:Faster"}, "has no class Faster that is a policies.guidance.Guidance"),
+        ({"guidance": "broken.py:Broken"}, r"Broken\(field, scale, base, seed\) raised TypeError"),
+        ({"policy": "weights"}, "policy=.*weights is no LeRobot checkpoint: it lacks config.json"),
+    ],
+)
+def test_what_an_entry_cannot_be_is_said_in_a_line(tmp_path, values, message):
+    entry = write_entry(tmp_path / "entry", **values)
+    (entry / "broken.py").write_text("import policies.guidance\nclass Broken(policies.guidance.Guidance): pass\n")
+    with pytest.raises(SettingError, match=message):
+        enter.main(settings(entry, tmp_path))
+
+
+def test_guidance_needs_a_policy_that_can_be_guided_and_files_no_links(untrained, tmp_path):
+    entry = write_entry(tmp_path / "entry", policy="weights")
+    shutil.copytree(untrained, entry / "weights")
+    with pytest.raises(SettingError, match="guidance needs a policy of type guided_push.*is of type diffusion"):
+        enter.main(settings(entry, tmp_path))
+    (entry / "link.py").symlink_to(ROOT / "README.md")
+    with pytest.raises(SettingError, match="link.py is a link. An entry holds its files itself"):
+        _ = Entry.load(entry).files_hash
+    with pytest.raises(SettingError, match="is no entry: it lacks entry.yaml. See 'Enter your own' in README.md"):
+        enter.main(settings(tmp_path, tmp_path))
+
+
+def test_the_hash_is_of_names_and_contents_and_of_nothing_that_python_leaves(tmp_path):
+    entry = write_entry(tmp_path / "entry")
+    first = Entry.load(entry).files_hash
+    (entry / "__pycache__").mkdir()
+    (entry / "__pycache__" / "guidance.pyc").write_bytes(b"0")
+    assert Entry.load(entry).files_hash == first
+    (entry / "guidance.py").rename(entry / "renamed.py")
+    assert Entry.load(entry).files_hash != first

@@ -1,0 +1,92 @@
+"""Stored rows, replayed from nothing but the table and the pieces on this machine."""
+
+import dataclasses
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from rich.console import Console
+
+from benchmark import replay
+from benchmark.command import SettingError
+from benchmark.config import ReplayConfig, RobotConfig, RunConfig
+from benchmark.results import COLUMNS, read_episodes, row_hash, store_episodes
+from benchmark.rollout import play
+from benchmark.run import checkpoint_folder, make_rollout
+
+CONFIG = RunConfig(robot=RobotConfig("xarm6"), slots=2, device="cpu", method="towards", guidance_scale=0.01)
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """Rows of two episodes that shared their batch."""
+    folder = tmp_path_factory.mktemp("stored")
+    rollout = make_rollout(CONFIG, 0.01, checkpoint_folder(42), Console(quiet=True))
+    store_episodes(folder, play(rollout, [50_000, 50_001]))
+    return folder
+
+
+def changed(stored, folder, number=0, **values):
+    """A table in which a row is another, and signed as such."""
+    rows = read_episodes(stored).to_dict("records")
+    rows[number] |= values
+    rows[number]["row_hash"] = row_hash(rows[number])
+    pd.DataFrame(rows).to_parquet(folder / "episodes.parquet")
+    return ReplayConfig(table=str(folder), number=number)
+
+
+def test_a_random_row_replays_alone_to_the_last_bit(stored, capsys):
+    replay.main(ReplayConfig(table=str(stored), random=1, seed=3))
+    shown = capsys.readouterr().out
+    assert "towards 0.01" in shown and "differs" not in shown
+    same = shown.split("bit-equal: ")[1].strip().split(", ")
+    assert {*same} == COLUMNS - {"commit", "row_hash"}
+
+
+def test_what_did_not_happen_is_found_though_it_is_signed(stored, tmp_path, capsys):
+    """Also in what the row claims to have been run with."""
+    length = int(read_episodes(stored).length[1])
+    with pytest.raises(SystemExit, match="1"):
+        replay.main(changed(stored, tmp_path, number=1, length=length + 1, training_seed=7))
+    shown = capsys.readouterr().out
+    assert f"differs: length, stored {length + 1}, replayed {length}" in shown
+    assert "differs: training_seed, stored 7, replayed 42" in shown and shown.count("differs") == 2
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (
+            {"code_version": "0123"},
+            r"episode 50000 was run by code 0123, .*cannot be expected to replay. Check its",
+        ),
+        ({"checkpoint_hash": "beef"}, r"no policy with the weights beef is in .*seed42-1.*policy=<folder>"),
+        ({"entry_hash": "beef"}, r"is of an entry. Give its folder: entry=<folder>"),
+        ({"method": "magic"}, r"there is no method 'magic'. Methods: direct, paper"),
+        ({"setting": "virtual"}, r"setting=virtual is not allowed. Allowed: original, embodied, best"),
+        ({"field_fingerprint": "beef"}, r"guided by the field beef, and these settings make none. Give the map.\*"),
+    ],
+)
+def test_a_row_whose_pieces_are_not_here_is_refused(stored, tmp_path, values, message):
+    with pytest.raises(SettingError, match=message):
+        replay.main(changed(stored, tmp_path, **values))
+
+
+def test_a_row_is_picked_by_hash_or_number_and_has_to_be_there(stored):
+    table = read_episodes(stored)
+    for choice in ({"row": table.row_hash[1][:10]}, {"number": 1}):
+        (row,) = replay.chosen_rows(ReplayConfig(table=str(stored / "episodes.parquet"), **choice)).to_dict("records")
+        assert row["row_hash"] == table.row_hash[1]
+    with pytest.raises(SettingError, match="has no row 0123456789: it has 2 rows, such as number=0, row="):
+        replay.chosen_rows(ReplayConfig(table=str(stored), row="0123456789"))
+    with pytest.raises(SettingError, match="Allowed: exactly one of row=<row_hash>, number=<row> and random=<rows>"):
+        replay.chosen_rows(ReplayConfig(table=str(stored), random=2, number=1))
+    with pytest.raises(SettingError, match="has no episodes whose rows have a row_hash"):
+        replay.chosen_rows(ReplayConfig(table=str(stored / "nowhere"), number=1))
+
+
+def test_the_settings_of_a_row_are_those_that_made_it():
+    config = dataclasses.replace(CONFIG, robot=RobotConfig("ur3"), setting="best", sampler="DDPM", sampling_steps=7)
+    condition = make_rollout(config, 0.01, checkpoint_folder(42), Console(quiet=True)).condition
+    again = replay.row_settings(condition.row(), ReplayConfig(), guided=True)
+    assert make_rollout(again, 0.01, Path(checkpoint_folder(42)), Console(quiet=True)).condition == condition
