@@ -21,6 +21,9 @@ SOURCE = "xarm6"
 TASK_ARMS = ("xarm6", "ur3", "ur5", "ur10")
 """The arms that do the block-push task (`envs.arms.ARMS`)."""
 
+FIRST_TEST_SEED = 100_000
+"""Episodes from this seed on are for final tables only, those from 50000 to 59999 for every choice."""
+
 SETTINGS = ("original", "embodied", "best")
 """What an arm may do and where it stands (`envs.arms.SETTINGS`)."""
 
@@ -212,7 +215,7 @@ class RunConfig:
     """Folder that results go to, such as episodes.parquet."""
     device: str = "auto"
     """Where the policy runs: cpu, cuda, or auto (cuda if there is one)."""
-    seed_start: int = 100_000
+    seed_start: int = FIRST_TEST_SEED
     """Seed of the first episode; from 100000 on are test episodes, from 50000 on validation episodes."""
     sampler: str = "DDIM"
     """Sampler of the diffusion policy: DDIM or DDPM."""

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmark.command import SettingError, check_setting, run_command
-from benchmark.config import EnterConfig, RunConfig
+from benchmark.config import FIRST_TEST_SEED, EnterConfig, RunConfig
 from benchmark.entry import Entry
 from benchmark.outputs import replacing
 
@@ -71,7 +71,7 @@ def check(config: EnterConfig, rollouts: "Sequence[Rollout]", console: "Console"
     from benchmark.results import read_trusted
 
     table = read_trusted(Path(config.table))
-    refused = list(refusals(table, rollouts, range(100_000, 100_000 + config.episodes)))
+    refused = list(refusals(table, rollouts, range(FIRST_TEST_SEED, FIRST_TEST_SEED + config.episodes)))
     if not refused:
         sample = table.sample(min(config.replays, len(table))).sort_values(["robot", "checkpoint"])
         refused = list(replayed_otherwise(sample, rollouts))

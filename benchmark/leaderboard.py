@@ -10,15 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmark.command import SettingError, run_command
-from benchmark.config import TASK_ARMS, LeaderboardConfig
+from benchmark.config import FIRST_TEST_SEED, TASK_ARMS, LeaderboardConfig
 from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from benchmark.statistics import Crossed
-
-FIRST_TEST_SEED = 100_000
 
 
 @dataclass(frozen=True)

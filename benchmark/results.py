@@ -134,13 +134,13 @@ def row_name(row: Mapping[str, Any]) -> str:
 def read_all_episodes(folder: Path, first_seed: int = 0) -> pd.DataFrame:
     """The rows of every `episodes.parquet` under a folder, for publication; an episode in several files counts once.
 
-    Files without any episode from `first_seed` on are left out: what is not published need not be fit for it.
+    Rows of episodes before `first_seed` are left out: what is not published need not be fit for it.
 
     Raises:
         SettingError: If a row is not as it was stored, or two rows of one episode say different things.
     """
     files = sorted(folder.rglob("episodes.parquet"))
-    tables = [read_trusted(file) for file in files if read_episodes(file.parent).episode_seed.max() >= first_seed]
+    tables = [table for file in files if len(table := read_trusted(file, first_seed))]
     if not tables:
         return pd.DataFrame()
     episode = [*IDENTITY, *PRODUCER]
@@ -156,18 +156,22 @@ def read_all_episodes(folder: Path, first_seed: int = 0) -> pd.DataFrame:
     return table
 
 
-def read_trusted(file: Path) -> pd.DataFrame:
-    """A table of episodes all of whose rows are as they were stored.
+def read_trusted(file: Path, first_seed: int = 0) -> pd.DataFrame:
+    """The rows of a table from an episode seed on, all of which are as they were stored.
 
     Raises:
         SettingError: If one is not, or the code that stored them did not sign them yet.
     """
     table = read_table(file)
+    if "episode_seed" in table:
+        table = table[table.episode_seed >= first_seed]
+    if table.empty:
+        return table
     missing = COLUMNS - set(table)
     if missing or table.row_hash.isna().any():
         lacks = ", ".join(sorted(missing)) or "row_hash in some rows"
         raise SettingError(f"{file} was stored by older code: it lacks {lacks}. Run its command again.")
-    for number, row in enumerate(table.to_dict("records")):
+    for number, row in zip(table.index, table.to_dict("records"), strict=True):
         if row_hash(row) != row["row_hash"]:
             raise SettingError(
                 f"{file}, row {number} ({row_name(row)}) is not as it was stored: its row_hash does not fit. "

@@ -96,7 +96,11 @@ def test_differences_are_taken_on_the_seeds_that_both_have():
 
 def test_a_row_keeps_its_hash_on_its_way_through_files(tmp_path):
     """Also beside rows with other empty columns, beside a column that came later, and as plain values."""
-    stored = [episode(1), episode(2, p2=False), episode(3, condition=dataclasses.replace(CONDITION, cell_size=0.05))]
+    stored = [
+        episode(100_001),
+        episode(100_002, p2=False),
+        episode(100_003, condition=dataclasses.replace(CONDITION, cell_size=0.05)),
+    ]
     for each in stored:
         store_episodes(tmp_path / "a", [each])
     table = read_all_episodes(tmp_path)
@@ -109,7 +113,7 @@ def test_a_row_keeps_its_hash_on_its_way_through_files(tmp_path):
 
 
 def test_every_column_counts_in_the_hash():
-    row = episode(1).row()
+    row = episode(100_001).row()
     for name in set(row) - {"row_hash"}:
         assert row_hash(row | {name: "edited"}) != row["row_hash"], name
     assert row_hash(row | {"path_x": [400, 410, 421]}) != row["row_hash"]
@@ -118,7 +122,7 @@ def test_every_column_counts_in_the_hash():
 
 def edited(folder, **values):
     """A table of three episodes, the second of which is edited."""
-    store_episodes(folder, [episode(seed) for seed in (1, 2, 3)])
+    store_episodes(folder, [episode(seed) for seed in (100_001, 100_002, 100_003)])
     table = read_episodes(folder)
     for name, value in values.items():
         table.loc[1, name] = value
@@ -126,10 +130,10 @@ def edited(folder, **values):
 
 
 def test_an_edited_row_is_not_published_and_named(tmp_path):
-    store_episodes(tmp_path / "a", [episode(9)])
+    store_episodes(tmp_path / "a", [episode(100_009)])
     edited(tmp_path / "b", success_at_end=False)
     with pytest.raises(
-        SettingError, match=r"b/episodes.parquet, row 1 \(ur3, .*direct 0, seed42-1, episode 2\) is not"
+        SettingError, match=r"b/episodes.parquet, row 1 \(ur3, .*direct 0.0, seed42-1, episode 100002\) is not"
     ):
         read_all_episodes(tmp_path)
 
@@ -142,16 +146,26 @@ def test_rows_of_code_that_did_not_sign_them_are_not_published(tmp_path):
     with pytest.raises(SettingError, match="older code: it lacks path_x, row_hash"):
         read_all_episodes(tmp_path)
     assert episodes_of(read_episodes(tmp_path).drop(columns="entry_hash"), CONDITION).empty  # so they are run again,
-    store_episodes(tmp_path, [episode(seed) for seed in (1, 2, 3)])  # and replaced.
+    store_episodes(tmp_path, [episode(seed) for seed in (100_001, 100_002, 100_003)])  # and replaced.
     assert len(read_all_episodes(tmp_path)) == 3
 
 
+def test_choices_that_older_code_made_on_other_episodes_do_not_stand_in_the_way(tmp_path):
+    store_episodes(tmp_path / "choices", [episode(50_000)])
+    old = read_episodes(tmp_path / "choices").drop(columns=["row_hash", "entry_hash"])
+    old.to_parquet(tmp_path / "choices" / "episodes.parquet")
+    store_episodes(tmp_path / "results", [episode(50_000), episode(100_000)])
+    assert read_all_episodes(tmp_path, 100_000).episode_seed.tolist() == [100_000]
+
+
 def test_an_episode_in_two_files_counts_once_unless_they_contradict_each_other(tmp_path):
-    store_episodes(tmp_path / "a", [episode(1), episode(2)])
-    store_episodes(tmp_path / "b", [episode(2, condition=dataclasses.replace(CONDITION, commit="c2")), episode(3)])
-    assert sorted(read_all_episodes(tmp_path).episode_seed) == [1, 2, 3]
-    store_episodes(tmp_path / "c", [episode(2, p2=False)])
-    with pytest.raises(SettingError, match=r"Two rows under .*episode 2\) and say different things"):
+    store_episodes(tmp_path / "a", [episode(100_001), episode(100_002)])
+    store_episodes(
+        tmp_path / "b", [episode(100_002, condition=dataclasses.replace(CONDITION, commit="c2")), episode(100_003)]
+    )
+    assert sorted(read_all_episodes(tmp_path).episode_seed) == [100_001, 100_002, 100_003]
+    store_episodes(tmp_path / "c", [episode(100_002, p2=False)])
+    with pytest.raises(SettingError, match=r"Two rows under .*episode 100002\) and say different things"):
         read_all_episodes(tmp_path)
 
 
