@@ -35,12 +35,17 @@ from benchmark.config import (
     VerifyMapsConfig,
     ViewConfig,
 )
+from benchmark.prediction import PredictionConfig
 from benchmark.source_policies import SourcePoliciesConfig
+from benchmark.top_view import TopViewConfig
 from benchmark.train import TrainConfig
 
 SCHEMAS = {
     "run": RunConfig,
     "record": RunConfig,
+    "frames": RunConfig,
+    "top_view": TopViewConfig,
+    "prediction": PredictionConfig,
     "build_maps": BuildMapsConfig,
     "merge_maps": MergeMapsConfig,
     "oracle": OracleConfig,

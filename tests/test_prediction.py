@@ -1,0 +1,78 @@
+"""What paths meet is compared with success, scene by scene and cell by cell."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from benchmark import prediction
+from benchmark.config import SOURCE
+from benchmark.prediction import TransferFields, by_scene, cells, correlations, markdown, visited, with_source
+
+FIELDS = TransferFields(
+    energy=lambda xy: np.hypot(*xy.T),
+    mmd=lambda xy: np.where(xy[:, 0] > 0.6, np.nan, 1.0),
+    infeasible=lambda xy: (np.hypot(*xy.T) > 0.55).astype(float),
+)
+"""Energy grows with the distance from the base."""
+
+
+@pytest.fixture(autouse=True)
+def few_resamples(monkeypatch):
+    monkeypatch.setattr(prediction, "RESAMPLES", 60)
+
+
+def episodes(succeeds):
+    """Two policies in 120 scenes with straight paths, on the source and on an arm; p2 there as a function of x."""
+    rng = np.random.default_rng(0)
+    rows = []
+    for seed in range(100_000, 100_120):
+        x = rng.uniform(0.41, 0.64)
+        for robot in (SOURCE, "ur3"):
+            for policy in ("a", "b"):
+                p2 = robot == SOURCE or succeeds(x, rng)
+                path = {"path_x": [round(1000 * x)] * 40, "path_y": list(range(-390, 10, 10))}
+                row = {"robot": robot, "setting": "embodied", "checkpoint": policy, "checkpoint_hash": policy}
+                same = {"sampler": "DDIM", "sampling_steps": 10, "code_version": "v"}
+                rows.append(row | path | same | {"episode_seed": seed, "p2": p2})
+    return pd.DataFrame(rows)
+
+
+def rows_of(succeeds):
+    pairs = with_source(episodes(succeeds), "ur3", "embodied")
+    assert len(pairs) == 240
+    scenes, visits = by_scene(pairs, FIELDS)
+    assert visits.shape == (120, len(cells()))
+    return pd.DataFrame(correlations(scenes, visits, FIELDS, seed=0)), scenes
+
+
+def test_success_that_ends_at_a_distance_goes_against_energy_and_infeasibility():
+    table, _ = rows_of(lambda x, rng: x < 0.5)
+    energy = table[table.predictor == "energy"]
+    assert (energy.r < -0.6).all() and (energy.high < -0.5).all()
+    assert set(energy.over) == {"scenes", "cells"}
+    assert (table[table.predictor == "infeasible"].high < 0).all()
+
+
+def test_success_by_chance_says_nothing():
+    table, _ = rows_of(lambda x, rng: rng.random() < 0.7)
+    energy = table[(table.predictor == "energy") & (table.over == "scenes")]
+    assert ((energy.low < 0) & (energy.high > 0)).all()
+
+
+def test_where_all_succeed_there_is_nothing_to_predict():
+    table, scenes = rows_of(lambda x, rng: True)
+    assert table.r.isna().all()
+    text = markdown(table.assign(robot="ur3", setting="embodied", scenes=120, models=2, p2=1.0), 0)
+    assert "| scenes (120)" in text and "–" in text
+    assert prediction.prediction_figure({("ur3", "embodied"): scenes}).axes
+
+
+def test_cells_without_a_discrepancy_do_not_count():
+    _, scenes = rows_of(lambda x, rng: True)
+    beyond = scenes[f"mmd_{SOURCE}"].isna()
+    assert 0 < beyond.sum() < len(scenes) and (scenes[f"mmd_{SOURCE}"][~beyond] == 1).all()
+
+
+def test_a_path_passes_the_cells_that_hold_its_points():
+    passed = cells()[visited(np.array([[0.31, -0.22], [0.31, -0.21], [0.46, 0.02], [2.0, 0.0]]))]
+    assert np.allclose(passed, [[0.325, -0.225], [0.475, 0.025]])
