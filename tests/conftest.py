@@ -82,6 +82,7 @@ def transfer_episodes():
     return pd.DataFrame(table).astype(OPTIONAL)
 
 
+@pytest.fixture(scope="session")
 def synthetic_dataset(tmp_path_factory):
     """A dataset of two made-up demonstrations, laid out as ours are."""
     from benchmark.demonstration import Demonstration
