@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from envs.workspace import WORKSPACE
+
 START = (0.3, -0.4)
 """Effector at the start of an ordinary episode, xy in [m]."""
 MIN_BLOCK_DISTANCE = 0.1
@@ -48,15 +50,15 @@ def draw_wide_scene(rng: np.random.Generator) -> Scene:
     """A scene for training data: effector and blocks anywhere on the table, sometimes one block placed
     already.
 
-    Effector x .2 to .6 and y -.46 to .28, blocks x .2 to .6 and y -.43 to .28; with probability .3 one block
-    starts within 4 cm of a target. Everything keeps 6.5 cm from everything else, so that nothing overlaps;
-    targets as usual.
+    The command anywhere in the workspace, also where the arm cannot follow; blocks x .2 to .6 and y -.43 to .28; with
+    probability .3 one block starts within 4 cm of a target. Everything keeps 6.5 cm from everything else, so that
+    nothing overlaps; targets as usual.
     """
     seed = int(rng.integers(2**31))
     usual = draw_scene(seed)
     placed = rng.random() < 0.3
     while True:
-        effector = rng.uniform((0.2, -0.46), (0.6, 0.28))
+        effector = rng.uniform(*WORKSPACE)
         blocks = rng.uniform((0.2, -0.43, 0), (0.6, 0.28, math.pi), (2, 3))
         if placed:
             target = (usual.target, usual.target2)[rng.integers(2)]
