@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from envs.scene import MIN_BLOCK_DISTANCE, draw_scene, draw_wide_scene
+from envs.workspace import WORKSPACE
 
 # From the original environment; by seed: x, y, yaw of block, block2, target, target2, then the oracle's mode.
 GOLDEN = {
@@ -48,4 +49,5 @@ def test_wide_scenes_reach_farther_and_overlap_nowhere():
     points = np.array([[s.effector, s.block[:2], s.block2[:2]] for s in scenes])
     gaps = np.linalg.norm(points - np.roll(points, 1, axis=1), axis=-1)
     assert gaps.min() > 0.065
-    assert np.ptp(points[:, 0, 0]) > 0.3 and np.ptp(points[:, 0, 1]) > 0.6
+    assert (points[:, 0] > WORKSPACE[0]).all() and (points[:, 0] < WORKSPACE[1]).all()
+    assert (np.ptp(points[:, 0], axis=0) > 0.95 * np.ptp(WORKSPACE, axis=0)).all()
