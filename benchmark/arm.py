@@ -1,5 +1,6 @@
 """The arm that settings describe, checked before anything is rolled out on it."""
 
+from functools import cache
 from typing import TYPE_CHECKING
 
 from benchmark.command import SettingError
@@ -15,11 +16,18 @@ def chosen_arm(config: RunConfig | OracleConfig) -> "ArmSetting":
     Raises:
         SettingError: If the arm cannot hold its tool over the task's start so.
     """
-    from envs.arms import arm_setting, make_kinematics, start_posture
+    from envs.arms import arm_setting
 
     try:
-        arm = arm_setting(config.robot.name, config.setting, **vars(config.arm))
-        start_posture(make_kinematics(arm), arm)
+        return _able(arm_setting(config.robot.name, config.setting, **vars(config.arm)))
     except ValueError as error:
         raise SettingError(f"arm: {error}") from error
+
+
+@cache
+def _able(arm: "ArmSetting") -> "ArmSetting":
+    """The arm, if it can hold its tool over the task's start."""
+    from envs.arms import make_kinematics, start_posture
+
+    start_posture(make_kinematics(arm), arm)
     return arm

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +49,8 @@ class Checkpoint:
     @property
     def weights_hash(self) -> str:
         """SHA-256 of the weights."""
-        return hashlib.sha256((self.folder / "model.safetensors").read_bytes()).hexdigest()
+        file = self.folder / "model.safetensors"
+        return _sha256(file, file.stat().st_mtime_ns)
 
     @property
     def training_seed(self) -> int:
@@ -67,3 +68,9 @@ class Checkpoint:
     @cached_property
     def _config(self) -> dict[str, Any]:
         return json.loads((self.folder / "config.json").read_text())
+
+
+@cache
+def _sha256(file: Path, changed: int) -> str:
+    """Of a file that was last changed then, in [ns]."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()

@@ -31,7 +31,7 @@ ORACLES = ("plain", "aware")
 """Scripted oracles (`envs.oracle`, `envs.aware_oracle`)."""
 
 
-@dataclass
+@dataclass(unsafe_hash=True)
 class RobotConfig:
     """Which arm."""
 
@@ -72,7 +72,7 @@ class RobotConfig:
             raise SettingError(f"robot=custom: {error}") from error
 
 
-@dataclass
+@dataclass(unsafe_hash=True)
 class MapConfig:
     """How finely a robot's workspace is divided, and when it counts as full."""
 
@@ -111,7 +111,7 @@ class MapConfig:
         check_setting(self.turns.bit_count() == 1 <= self.turns, "map.turns", self.turns, "a power of two")
 
 
-@dataclass
+@dataclass(unsafe_hash=True)
 class EnergyConfig:
     """How similarity becomes an energy field; what the paper leaves open."""
 
@@ -185,11 +185,12 @@ class RunConfig:
 
     robot: RobotConfig = field(default_factory=RobotConfig, metadata={"choices": TASK_ARMS})
     """Arm that acts: xarm6 (the source itself), ur3, ur5 or ur10."""
-    guidance_scale: float = 0.0
-    """Scale of the method, any number >= 0; 0 is direct transfer. paper, shuffled, flipped: how much of the energy's
-    slope in 1/m is added to the predicted noise in normalised action units (the paper's lambda). away, towards: the
-    push in those units; ring, feasibility: the same at the border. projection: how far inside, in m. best_of_n: number
-    of samples, a whole number. chunk: descent of the normalised actions per unit of slope."""
+    guidance_scale: float | None = 0.0
+    """Scale of the method, any number >= 0; 0 is direct transfer, null the one that benchmark.scales chose for this
+    arm, setting and method on validation episodes. paper, shuffled, flipped: how much of the energy's slope in 1/m is
+    added to the predicted noise in normalised action units (the paper's lambda). away, towards: the push in those
+    units; ring, feasibility: the same at the border. projection: how far inside, in m. best_of_n: number of samples, a
+    whole number. chunk: descent of the normalised actions per unit of slope."""
     method: str = "paper"
     """Guidance: paper (against the slope of the energy of similarity), shuffled (that slope turned at random in each
     cell), flipped (along it), away and towards (constant, from the base or to it), ring (back between two distances
@@ -211,6 +212,8 @@ class RunConfig:
     """What the arm may do: embodied (joint limits and self-collision bind, wrist branch per arm) or original (neither
     binds, wrist-out, as where only the arm is swapped in the original task) or best (as embodied, base and wrist where
     benchmark.place_bases finds the arm to reach the most)."""
+    scales_dir: str = "results/scales"
+    """With lambda=null: folder of the episodes.parquet of benchmark.scales."""
     output_dir: str = "results"
     """Folder that results go to, such as episodes.parquet."""
     device: str = "auto"
@@ -233,10 +236,11 @@ class RunConfig:
     def __post_init__(self) -> None:
         check_setting(self.robot.name in TASK_ARMS, "robot", self.robot.name, ", ".join(TASK_ARMS))
         scale = self.guidance_scale
-        check_setting(math.isfinite(scale) and scale >= 0, "lambda", scale, "any number >= 0")
         check_setting(self.method in METHODS, "method", self.method, ", ".join(METHODS))
-        check_setting(scale == 0 or self.method != "direct", "lambda", scale, "0 with method=direct")
-        if METHODS[self.method].counts:
+        if scale is not None:
+            check_setting(math.isfinite(scale) and scale >= 0, "lambda", scale, "any number >= 0, or null")
+            check_setting(scale == 0 or self.method != "direct", "lambda", scale, "0 with method=direct")
+        if scale is not None and METHODS[self.method].counts:
             check_setting(scale == int(scale), "lambda", scale, f"a whole number of samples with method={self.method}")
         for name in ("episodes", "slots", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from benchmark.command import run_command
 from benchmark.config import RunConfig
-from benchmark.run import chosen_checkpoint, make_rollout
+from benchmark.run import chosen_checkpoint, make_rollout, with_scale
 
 FRAMES_PER_SECOND = 20
 """Twice the speed of the episode, at a frame per control step."""
@@ -15,6 +15,7 @@ FRAMES_PER_SECOND = 20
 
 def main(config: RunConfig) -> None:
     """Play episodes from seed `seed_start` on and write each to `output_dir` as a GIF."""
+    config = with_scale(config)
     checkpoint = chosen_checkpoint(config)
     import imageio.v3 as imageio
     from rich.console import Console

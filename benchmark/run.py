@@ -2,15 +2,18 @@
 
 python -m benchmark.run robot=ur3 lambda=0.5
 python -m benchmark.run robot=ur3 method=projection lambda=0.01
+python -m benchmark.run -m experiment=transfer
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.checkpoint import GUIDED, Checkpoint
 from benchmark.command import SettingError, run_command
-from benchmark.config import RunConfig
+from benchmark.config import EnergyConfig, MapConfig, RobotConfig, RunConfig
 from policies.methods import METHODS
 
 if TYPE_CHECKING:
@@ -33,6 +36,7 @@ make."""
 
 def main(config: RunConfig) -> None:
     """Roll out at lambda and at 0 on the same episodes, store every episode, and print the comparison."""
+    config = with_scale(config)
     checkpoint = chosen_checkpoint(config)
     from rich.console import Console
 
@@ -42,6 +46,21 @@ def main(config: RunConfig) -> None:
     rollouts = [make_rollout(config, scale, checkpoint, console) for scale in sorted({0.0, config.guidance_scale})]
     tables = [run_and_store(rollout, config, console) for rollout in rollouts]
     print_report(tables, Path(config.output_dir), console)
+
+
+def with_scale(config: RunConfig) -> RunConfig:
+    """The same settings with the scale that was chosen on validation episodes, if they leave it open.
+
+    Raises:
+        SettingError: If none was chosen.
+    """
+    if config.guidance_scale is not None:
+        return config
+    if config.method == "direct":
+        return replace(config, guidance_scale=0.0)
+    from benchmark.scales import chosen_scale
+
+    return replace(config, guidance_scale=chosen_scale(config))
 
 
 def chosen_checkpoint(config: RunConfig) -> Path:
@@ -100,17 +119,20 @@ def make_condition(
     """What a policy on an arm is run with, with the code and the device of this machine."""
     import math
 
-    import torch
-
     from benchmark.results import Condition
-    from benchmark.rollout import code_version, commit
 
     device = config.device
-    if device == "auto":
-        device = "cuda" if torch.cuda.is_available() else "cpu"
-    if device == "cuda" and not torch.cuda.is_available():
-        raise SettingError("device=cuda is not available: PyTorch finds no GPU here. Use device=cpu or device=auto.")
+    if device != "cpu":
+        import torch
+
+        available = torch.cuda.is_available()
+        if device == "cuda" and not available:
+            raise SettingError(
+                "device=cuda is not available: PyTorch finds no GPU here. Use device=cpu or device=auto."
+            )
+        device = "cuda" if available else "cpu"
     source = Checkpoint(checkpoint)
+    code_version, commit = versions()
     sampler, steps = (config.sampler, config.sampling_steps) if source.type == GUIDED else source.sampler
     return Condition(
         robot=arm.robot,
@@ -131,23 +153,43 @@ def make_condition(
         cell_size=field.grid.cell_size if field else math.nan,
         batch_shape=config.slots,
         device=device,
-        code_version=code_version(),
-        commit=commit(),
+        code_version=code_version,
+        commit=commit,
         entry_hash=entry_hash,
     )
+
+
+@cache
+def versions() -> tuple[str, str]:
+    """Version of the code that decides an episode, and commit of the tree, when this process first asked."""
+    from benchmark.rollout import code_version, commit
+
+    return code_version(), commit()
 
 
 def guidance_field(
     kind: str | None, arm: "ArmSetting", config: RunConfig, console: "Console"
 ) -> tuple["EnergyField | None", Path | None]:
     """The field of a kind (`policies.methods.Method.field`) for this arm, and its file; None for None."""
+    return _field(kind, arm, config.robot, config.map, config.energy, config.workers, console)
+
+
+@cache
+def _field(
+    kind: str | None,
+    arm: "ArmSetting",
+    robot: RobotConfig,
+    of_map: MapConfig,
+    energy: EnergyConfig,
+    workers: int,
+    console: "Console",
+) -> tuple["EnergyField | None", Path | None]:
     from benchmark.build_maps import energy_field
     from benchmark.feasibility_field import feasibility_field
 
     match kind:
         case "energy":
-            robot = config.robot.load()
-            return energy_field(robot, arm.base, config.map, config.energy, config.workers, console)
+            return energy_field(robot.load(), arm.base, of_map, energy, workers, console)
         case "feasibility":
             return feasibility_field(arm, console)
     return None, None

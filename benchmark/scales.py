@@ -4,11 +4,12 @@ python -m benchmark.scales robot=ur3 methods=[paper,feasibility]
 """
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.command import run_command
-from benchmark.config import ScalesConfig
+from benchmark.command import SettingError, run_command
+from benchmark.config import RunConfig, ScalesConfig
 from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
@@ -111,8 +112,6 @@ def budget(config: ScalesConfig) -> str:
 
 def method_fields(config: ScalesConfig, console: "Console") -> "dict[str, tuple[EnergyField | None, Path | None]]":
     """The field that each method looks at, and its file; those of one kind are built once."""
-    from functools import cache
-
     from benchmark.arm import chosen_arm
     from benchmark.run import guidance_field
     from policies.methods import METHODS
@@ -219,6 +218,45 @@ def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
     table = pd.DataFrame(rows).sort_values([*ARM, "method", "lambda"], ignore_index=True)
     best = table.sort_values(["p2", "lambda"], ascending=[False, True]).groupby([*ARM, "method"]).head(1)
     return table.assign(chosen=table.index.isin(best.index))
+
+
+def chosen_scale(config: RunConfig) -> float:
+    """The scale of the settings' method that was chosen for their arm, in `config.scales_dir`.
+
+    Raises:
+        SettingError: If none was.
+    """
+    from rich.console import Console
+
+    from benchmark.run import chosen_checkpoint, make_rollout
+
+    direct = replace(config, guidance_scale=0.0)
+    condition = make_rollout(direct, 0.0, chosen_checkpoint(direct), Console(quiet=True)).condition
+    chosen = _chosen(Path(config.scales_dir), condition.code_version)
+    arm = tuple(getattr(condition, name) for name in ARM)
+    if (*arm, config.method) not in chosen:
+        raise SettingError(
+            f"lambda=null: {config.scales_dir} has no scale of method={config.method} for {config.robot.name}, "
+            f"{config.setting}. Choose one: python -m benchmark.scales robot={config.robot.name} "
+            f"setting={config.setting} methods=[{config.method}], or give lambda."
+        )
+    return chosen[*arm, config.method]
+
+
+@cache
+def _chosen(folder: Path, code_version: str) -> dict[tuple, float]:
+    """The chosen scales by arm and method, from the validation episodes of one version of the code."""
+    from benchmark.results import read_episodes
+
+    columns = [*ARM, "method", "lambda", "checkpoint_hash", "episode_seed", "p2", "score", "code_version"]
+    episodes = read_episodes(folder, columns)
+    if episodes.empty:
+        return {}
+    episodes = episodes[(episodes.code_version == code_version) & episodes.episode_seed.between(50_000, 59_999)]
+    if episodes.empty:
+        return {}
+    table = scale_table(episodes)
+    return table[table.chosen].set_index([*ARM, "method"])["lambda"].to_dict()
 
 
 def shown(table: "pd.DataFrame") -> "pd.DataFrame":
