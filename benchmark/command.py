@@ -9,6 +9,7 @@ import textwrap
 from collections.abc import Callable
 from dataclasses import MISSING, fields, is_dataclass
 from functools import reduce
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, NoReturn, get_origin
 
@@ -48,7 +49,7 @@ def run_command[Config](main: Callable[[Config], None], schema: type[Config], na
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises instead of printing.
     ConfigStore.instance().store(f"{name}_schema", named_as_typed(OmegaConf.structured(schema)))
     try:
-        _check_arguments([arg for arg in sys.argv[1:] if arg not in ("-m", "--multirun")], schema)
+        _check_arguments([arg for arg in sys.argv[1:] if arg not in ("-m", "--multirun")], name, schema)
         hydra.main(version_base="1.3", config_path=str(CONF), config_name=name)(enter)()
     except (SettingError, HydraException) as error:
         _refuse(error)
@@ -81,7 +82,7 @@ def setting_texts(schema: type, prefix: str = "") -> dict[str, tuple[str, Any]]:
             settings[name] = texts.get(field.name, ""), default
             continue
         of_field = setting_texts(field.type, f"{name}.")
-        if _is_group(name):  # Its choice sets `<name>.name`; a choice among few arms leaves nothing else to set.
+        if is_group(name):  # Its choice sets `<name>.name`; a choice among few arms leaves nothing else to set.
             settings[name] = texts.get(field.name, ""), None
             of_field = {} if "choices" in field.metadata else of_field
             of_field.pop(f"{name}.name", None)
@@ -102,14 +103,19 @@ def _help(name: str, main: Callable, schema: type) -> str:
         "",
     ]
     for key, (text, default) in setting_texts(schema).items():
-        shown = f"{key}={_default_choice(name, key) if _is_group(key) else default}"
+        shown = f"{key}={_default_choice(name, key) if is_group(key) else default}"
         lines += [f"  {shown}", *textwrap.wrap(text, 92, initial_indent=" " * 6, subsequent_indent=" " * 6)]
+    for key, choices in _presets(name).items():
+        lines += [f"  {key}=null"]
+        for choice, text in choices.items():
+            lines += textwrap.wrap(f"{choice}: {text}", 92, initial_indent=" " * 6, subsequent_indent=" " * 8)
     return "\n".join(lines)
 
 
-def _check_arguments(arguments: list[str], schema: type) -> None:
+def _check_arguments(arguments: list[str], name: str, schema: type) -> None:
     """Refuse what is no setting, settings that do not exist, and choices that a group does not have."""
-    known, given = setting_texts(schema), set()
+    presets = _presets(name)
+    known, given = [*setting_texts(schema), *presets], set()
     for argument in arguments:
         try:
             override = OverridesParser.create().parse_override(argument)
@@ -125,18 +131,19 @@ def _check_arguments(arguments: list[str], schema: type) -> None:
         if key in given:
             raise SettingError(f"{key} is given twice. Give it once.")
         given.add(key)
-        if _is_group(key) and not override.is_sweep_override():
-            choices = _choices(key, schema)
-            check_setting(override.value() in choices, key, override.value(), ", ".join(choices))
+        if is_group(key):
+            choices = [*presets[key]] if key in presets else _choices(key, schema)
+            for value in override.sweep_string_iterator() if override.is_choice_sweep() else [override.value()]:
+                check_setting(value in choices, key, value, ", ".join(choices))
 
 
 def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
     """The composed settings as an object of the schema."""
-    texts = setting_texts(schema)
     try:
         values = {PYTHON_NAME.get(str(key), str(key)): value for key, value in config.items()}
         return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(schema), values))
     except OmegaConfBaseException as error:
+        texts = setting_texts(schema)
         key = next((name for name, python in PYTHON_NAME.items() if python == error.full_key), error.full_key)
         text = texts.get(str(key), ("",))[0]
         raw = OmegaConf.to_container(config, resolve=False)
@@ -151,7 +158,8 @@ def named_as_typed(config: DictConfig) -> dict[str, Any]:
     return {typed_as.get(key, key): value for key, value in plain.items()}
 
 
-def _is_group(key: str) -> bool:
+def is_group(key: str) -> bool:
+    """Whether a setting picks a file of values."""
     return (CONF / key).is_dir()
 
 
@@ -159,6 +167,18 @@ def _choices(group: str, schema: type) -> list[str]:
     """What a group can be set to: what the field's metadata name, or else every file of the group."""
     (field,) = (field for field in fields(schema) if field.name == group)
     return sorted(field.metadata.get("choices", (file.stem for file in (CONF / group).glob("*.yaml"))))
+
+
+def _presets(name: str) -> dict[str, dict[str, str]]:
+    """The groups of which a command takes none by default: each choice, and what its file says about itself."""
+    defaults = OmegaConf.load(CONF / f"{name}.yaml").defaults
+    groups = [group for entry in defaults if not isinstance(entry, str) for group in entry if entry[group] is None]
+    return {group: {file.stem: _header(file) for file in sorted((CONF / group).glob("*.yaml"))} for group in groups}
+
+
+def _header(file: Path) -> str:
+    comments = takewhile(lambda line: line.startswith("#"), file.read_text().splitlines())
+    return " ".join(comment.lstrip("# ") for comment in comments if not comment.startswith("# @"))
 
 
 def _default_choice(name: str, group: str) -> str:

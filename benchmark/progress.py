@@ -11,8 +11,8 @@ from rich.progress import (
 )
 
 
-def progress_bar(console: Console | None = None) -> Progress:
-    """A bar with count, time used and time left."""
+def progress_bar(console: Console | None = None, period: float = 30.0) -> Progress:
+    """A bar with count, time used and time left, which is that at the speed of the last `period` seconds."""
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -20,4 +20,5 @@ def progress_bar(console: Console | None = None) -> Progress:
         TimeElapsedColumn(),
         TimeRemainingColumn(),
         console=console,
+        speed_estimate_period=period,
     )

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from filelock import FileLock
 from pyarrow import ArrowInvalid
+from pyarrow.parquet import read_schema
 
 from benchmark.command import SettingError
 from benchmark.outputs import replacing
@@ -25,6 +26,9 @@ IDENTITY = [
 
 PRODUCER = ["code_version", "entry_hash"]
 """Columns that say what made a row: with another one it is run again."""
+
+CONDITION = [name for name in IDENTITY if name not in ("slot", "episode_seed")] + PRODUCER
+"""Columns that say what an episode was run with, and by what."""
 
 OPTIONAL = {"first_block": "Int64", "first_target": "string", "first_entry_s": "Float64", "failure_cause": "string"}
 """Types of the columns that may hold nothing."""
@@ -180,19 +184,22 @@ def read_trusted(file: Path, first_seed: int = 0) -> pd.DataFrame:
     return table
 
 
-def read_episodes(output_dir: Path) -> pd.DataFrame:
-    """All stored episodes; an empty table with no columns if there are none."""
-    return read_table(output_dir / "episodes.parquet")
+def read_episodes(output_dir: Path, columns: list[str] | None = None) -> pd.DataFrame:
+    """All stored episodes, with those of these columns that there are, or all; an empty table if there are none."""
+    return read_table(output_dir / "episodes.parquet", columns)
 
 
-def read_table(file: Path) -> pd.DataFrame:
+def read_table(file: Path, columns: list[str] | None = None) -> pd.DataFrame:
     """The same of a table of any name.
 
     Raises:
         SettingError: If it is cut short or damaged.
     """
+    if not file.exists():
+        return pd.DataFrame()
     try:
-        return pd.read_parquet(file) if file.exists() else pd.DataFrame()
+        there = columns and [name for name in columns if name in read_schema(file).names]
+        return pd.read_parquet(file, columns=there)
     except ArrowInvalid as error:
         raise SettingError(f"{file} is no whole Parquet file ({error}). Move it away and run again.") from error
 
@@ -222,11 +229,20 @@ def drop_outdated(output_dir: Path, condition: Condition) -> int:
 
 def episodes_of(table: pd.DataFrame, condition: Condition) -> pd.DataFrame:
     """The rows of a condition that this version of the code, and of the entry, produced."""
-    row = condition.row()
-    same = [name for name in IDENTITY if name in row] + PRODUCER
-    if not {*same} <= {*table}:  # Empty, or of older code.
+    if not {*CONDITION} <= {*table}:  # Empty, or of older code.
         return table[:0]
+    row = condition.row()
     mask = pd.Series(True, index=table.index)
-    for name in same:
+    for name in CONDITION:
         mask &= table[name] == row[name]
     return table[mask]
+
+
+def stored(output_dir: Path, episodes: pd.DataFrame) -> pd.Series:
+    """Whether each of these episodes, given by the columns of `CONDITION` and its seed, is in the table."""
+    key = [*CONDITION, "episode_seed"]
+    table = read_episodes(output_dir, key)
+    if not {*key} <= {*table}:
+        return pd.Series(False, index=episodes.index)
+    found = episodes.merge(table.drop_duplicates(), on=key, how="left", indicator=True)
+    return pd.Series(found["_merge"].eq("both").to_numpy(), index=episodes.index)

@@ -1,0 +1,239 @@
+"""Sweeps of `benchmark.run`: which of their jobs are missing, what a job does, and how far the whole is.
+
+python -m benchmark.run -m experiment=transfer robot=ur3 seed=42 lambda=0,2,4
+"""
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Iterable, Iterator
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import pandas as pd
+from hydra.core.hydra_config import HydraConfig
+from hydra.plugins.launcher import Launcher
+from omegaconf import DictConfig
+from rich.console import Console
+
+from benchmark.command import SettingError, typed
+from benchmark.config import SOURCE, RunConfig
+from benchmark.outputs import replacing
+from benchmark.progress import progress_bar
+from benchmark.results import CONDITION, Condition, stored
+from benchmark.run import chosen_checkpoint, make_rollout, run_and_store, with_scale
+
+LOOK_EVERY = 5.0
+"""How often the tables are counted, in [s]."""
+SAY_EVERY = 60.0
+"""How often a line is printed where there is no terminal to draw a bar in, in [s]."""
+
+MOST_FAILED = 20
+"""How many failed jobs are printed one by one."""
+
+QUIET = Console(quiet=True)
+"""Of jobs, which share the terminal."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One condition of a sweep, and its episodes."""
+
+    overrides: tuple[str, ...]
+    """What tells it from the defaults, as on the command line."""
+    name: str
+    condition: Condition
+    seeds: range
+    output_dir: Path
+
+    def episodes(self) -> pd.DataFrame:
+        """What identifies each episode, one per row."""
+        row = self.condition.row()
+        return pd.DataFrame({"episode_seed": self.seeds} | {name: row[name] for name in CONDITION})
+
+
+def run_sweep(composed: list[tuple[list[str], DictConfig]], launcher: Launcher, folder: Path) -> None:
+    """Launch the jobs whose episodes are not stored, show how far all of them are, and say what failed.
+
+    Ends the program with status 1 if something is missing in the end.
+
+    Args:
+        composed: Overrides and settings of each job.
+        launcher: What runs jobs, here or on a cluster.
+        folder: Of this sweep; what failed is in its folder `failed`.
+
+    Raises:
+        SettingError: If a setting is wrong in itself, or nothing is left to sweep.
+    """
+    console = Console()
+    configs = {tuple(overrides): typed(config, RunConfig) for overrides, config in composed}
+    configs = {overrides: config for overrides, config in configs.items() if not guides_source(config)}
+    if not configs:
+        raise SettingError(f"A sweep rolls out {SOURCE}, the source itself, without guidance only: lambda=0.")
+    jobs: dict[tuple, Job] = {}
+    failed: dict[str, str] = {}
+    for overrides, config in configs.items():
+        try:
+            job = prepare(overrides, config, console)
+            jobs.setdefault((job.condition, job.seeds, job.output_dir), job)  # lambda=0 is the same for every method.
+        except Exception as error:
+            note_failure(folder, config, overrides, error)
+            failed[job_name(config)] = reason(error)
+    say_failed(failed, console)
+    missing = unfinished(jobs.values())
+    console.print(
+        f"{len(jobs)} jobs of {sum(len(job.seeds) for job in jobs.values())} episodes: {len(jobs) - len(missing)} are "
+        f"stored, {len(missing)} to run. {len(failed)} cannot run.",
+        soft_wrap=True,
+    )
+    if missing:
+        with progress(missing, folder, console):
+            launch(missing, launcher, console)
+    for job in unfinished(missing):
+        file = failure_file(folder, job.name)
+        failed[job.name] = file.read_text().splitlines()[1] if file.exists() else "It did not get to its end."
+    if failed:
+        say_failed(failed, console)
+        console.print(f"Whole reasons: {folder / 'failed'}. The same command goes on where it was.", soft_wrap=True)
+        sys.exit(1)
+    console.print(f"All is stored: {', '.join(sorted({str(job.output_dir) for job in jobs.values()}))}", soft_wrap=True)
+
+
+def launch(missing: dict[Job, int], launcher: Launcher, console: Console) -> None:
+    """Run jobs; where a worker was killed, those that are left again, as long as that brings episodes.
+
+    Args:
+        missing: Jobs, and how many of their episodes are not stored.
+        launcher: What runs them.
+        console: Where to print.
+    """
+    while True:
+        try:
+            launcher.launch([job.overrides for job in missing], initial_job_idx=0)
+            return
+        except Exception as error:
+            console.print(f"The launcher ended early. {reason(error)}", soft_wrap=True, markup=False)
+            before, missing = missing, unfinished(missing)
+            if not isinstance(error, BrokenProcessPool) or sum(missing.values()) == sum(before.values()):
+                return  # A cluster's other jobs go on.
+
+
+def say_failed(failed: dict[str, str], console: Console) -> None:
+    """Print which jobs failed and why, as far as there are not too many."""
+    for name, why in [*failed.items()][:MOST_FAILED]:
+        console.print(f"Failed: {name}: {why}", soft_wrap=True, markup=False)
+    if len(failed) > MOST_FAILED:
+        console.print(f"Failed: {len(failed) - MOST_FAILED} more")
+
+
+def guides_source(config: RunConfig) -> bool:
+    """Whether a job would guide the source arm, which a table of transfer has without guidance only."""
+    return config.robot.name == SOURCE and config.method != "direct" and config.guidance_scale != 0
+
+
+def prepare(overrides: tuple[str, ...], config: RunConfig, console: Console) -> Job:
+    """What a job is to roll out; a field that is not in the cache is built."""
+    config = with_scale(config)
+    rollout = make_rollout(config, config.guidance_scale, chosen_checkpoint(config), console)
+    seeds = range(config.seed_start, config.seed_start + config.episodes)
+    return Job(overrides, job_name(config), rollout.condition, seeds, Path(config.output_dir))
+
+
+def unfinished(jobs: Iterable[Job]) -> dict[Job, int]:
+    """The jobs of which episodes are not stored, and of how many; each table is read once."""
+    missing, order = {}, list(jobs)
+    for output_dir in {job.output_dir for job in order}:
+        here = [job for job in order if job.output_dir == output_dir]
+        is_stored = stored(output_dir, pd.concat([job.episodes() for job in here], keys=range(len(here))))
+        missing |= {job: int((~is_stored[number]).sum()) for number, job in enumerate(here)}
+    return {job: missing[job] for job in order if missing[job]}
+
+
+def run_job(config: DictConfig) -> None:
+    """A job of a sweep: its own lambda only, in this process. Why it failed is written to the sweep's folder."""
+    _tie_to_launcher()
+    job = typed(config, RunConfig)
+    try:
+        job = replace(with_scale(job), workers=1)
+        run_and_store(make_rollout(job, job.guidance_scale, chosen_checkpoint(job), QUIET), job, QUIET)
+    except Exception as error:
+        hydra = HydraConfig.get()
+        note_failure(Path(hydra.sweep.dir), job, hydra.overrides.task, error)
+
+
+@cache
+def _tie_to_launcher() -> None:
+    """A worker process leaves Ctrl-C to the one that launched it, and ends when that one is gone, however it ended."""
+    launcher = multiprocessing.parent_process()
+    if launcher is None:  # This is the launching process, or a cluster's job.
+        return
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_without, args=(launcher.pid,), daemon=True).start()
+
+
+def _end_without(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(1)
+    os._exit(1)
+
+
+def job_name(config: RunConfig) -> str:
+    """What a job is called, also in file names."""
+    scale = "chosen" if config.guidance_scale is None else f"{config.guidance_scale:g}"
+    policy = Path(config.policy).name or f"seed{config.seed}-{config.checkpoint}"
+    return f"{config.robot.name}-{config.setting}-{config.method}-{scale}-{policy}"
+
+
+def failure_file(folder: Path, name: str) -> Path:
+    """Where the reason is, if a job failed: the job, the error, where it was raised."""
+    return folder / "failed" / f"{name}.txt"
+
+
+def note_failure(folder: Path, config: RunConfig, overrides: tuple[str, ...], error: Exception) -> None:
+    """Write why a job failed."""
+    with replacing(failure_file(folder, job_name(config))) as path:
+        trace = "".join(traceback.format_exception(error))
+        path.write_text(f"python -m benchmark.run -m {' '.join(overrides)}\n{reason(error)}\n\n{trace}")
+
+
+def reason(error: Exception) -> str:
+    """An error in one line."""
+    text = " ".join(str(error).split())
+    return text if isinstance(error, SettingError) else f"{type(error).__name__}: {text}"
+
+
+@contextmanager
+def progress(jobs: dict[Job, int], folder: Path, console: Console) -> Iterator[None]:
+    """Show how many episodes of these jobs are stored, wherever they run, and how long the rest will take."""
+    total, over = sum(len(job.seeds) for job in jobs), threading.Event()
+
+    def count() -> int:
+        return total - sum(unfinished(jobs).values())
+
+    def watch() -> None:
+        with progress_bar(console, period=3600) as bar:
+            bar.add_task("Sweep", total=total, completed=count())
+            (task,), said = bar.tasks, 0.0
+            while not over.wait(LOOK_EVERY):
+                failed = len(list(folder.glob("failed/*")))
+                bar.update(task.id, completed=count(), description=f"Sweep, {failed} failed" if failed else "Sweep")
+                if not console.is_terminal and task.elapsed - said >= SAY_EVERY:
+                    said, left = task.elapsed, task.time_remaining
+                    left = "" if left is None else f", about {left / 60:.0f} min left"
+                    console.print(f"{task.completed} of {total} episodes{left}; {failed} jobs failed", soft_wrap=True)
+            bar.update(task.id, completed=count())
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()

@@ -1,0 +1,182 @@
+"""Sweeps of `benchmark.run` through Hydra's launchers."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from hydra import initialize_config_dir
+from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.plugins import Plugins
+from hydra.types import HydraContext, RunMode
+from omegaconf import OmegaConf
+from rich.console import Console
+
+from benchmark import command
+from benchmark.build_maps import energy_field
+from benchmark.command import SettingError
+from benchmark.config import EnergyConfig, MapConfig, RobotConfig, RunConfig
+from benchmark.results import read_episodes
+from benchmark.run import checkpoint_folder, make_rollout, with_scale
+from benchmark.sweep import guides_source
+from policies.methods import METHODS
+from richmap.robots import load_robot
+
+ROOT = Path(__file__).parents[1]
+SEEDS = (42, 43, 44)
+COARSE = {"cell_size": 0.2, "theta": 0.3, "draw": 200, "turns": 16, "stop_rate": 0.2}
+
+
+def jobs(*arguments):
+    """Settings of the jobs that a command line makes."""
+    ConfigStore.instance().store("run_schema", command.named_as_typed(OmegaConf.structured(RunConfig)))
+    with initialize_config_dir(str(command.CONF), version_base="1.3"):
+        hydra = GlobalHydra.instance().hydra
+        config = hydra.compose_config("run", [*arguments], run_mode=RunMode.MULTIRUN)
+        context = HydraContext(hydra.config_loader, None)
+        sweeper = Plugins.instance().instantiate_sweeper(hydra_context=context, task_function=None, config=config)
+        composed = list(sweeper.jobs(OmegaConf.to_container(config.hydra.overrides.task)))
+        for overrides, settings in composed[:: len(composed) // 3 + 1]:  # As Hydra composes them whole.
+            whole = hydra.config_loader.load_sweep_config(config, overrides)
+            assert settings == OmegaConf.masked_copy(whole, [*settings])
+        typed = [command.typed(settings, RunConfig) for _, settings in composed]
+    return [job for job in typed if not guides_source(job)]
+
+
+def test_the_transfer_table_is_nine_models_on_four_arms():
+    models = jobs("experiment=transfer", "robot=xarm6")
+    assert sorted((job.seed, job.checkpoint) for job in models) == [(s, r) for s in SEEDS for r in (1, 2, 3)]
+    assert {job.guidance_scale for job in models} == {0}
+    of_one = jobs("experiment=transfer", "seed=42", "checkpoint=1")
+    scales = [job.guidance_scale for job in of_one if job.robot.name == "ur5"]
+    assert scales == [0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1]
+    assert len(of_one) == 1 + 3 * 11 and 9 * sum(job.episodes for job in of_one) == 15_300
+    assert {(job.setting, job.episodes, job.seed_start) for job in of_one} == {("original", 50, 100_000)}
+    assert {job.output_dir for job in of_one if job.robot.name == "ur3"} == {"results/transfer/ur3-original"}
+
+
+def test_the_methods_are_compared_by_the_strict_protocol():
+    models = jobs("experiment=methods", "robot=xarm6", "method=direct")
+    assert sorted((job.setting, job.seed) for job in models) == [(s, n) for s in ("best", "embodied") for n in SEEDS]
+    of_one = jobs("experiment=methods", "setting=best", "seed=44")
+    assert {(job.episodes, job.seed_start, job.checkpoint, job.guidance_scale) for job in of_one} == {
+        (500, 100_000, 1, None)
+    }
+    assert [job.method for job in of_one if job.robot.name == "ur10"] == [*METHODS]
+    assert len(of_one) == 1 + 3 * len(METHODS)
+
+
+def test_the_command_line_narrows_an_experiment():
+    (one,) = jobs("experiment=transfer", "robot=ur3", "seed=43", "checkpoint=2", "lambda=4", "setting=embodied")
+    assert (one.robot.name, one.seed, one.checkpoint, one.guidance_scale) == ("ur3", 43, 2, 4)
+    assert (one.setting, one.output_dir) == ("embodied", "results/transfer/ur3-embodied")
+    two = jobs("experiment=methods", "robot=ur5", "setting=best", "seed=44", "method=direct,projection")
+    assert [job.method for job in two] == ["direct", "projection"]
+
+
+def scales(folder, version, setting="embodied"):
+    """A table of which the best of three scales is 0.02, by validation episodes."""
+    placed = {("direct", 0.0): [0, 0], ("projection", 0.01): [0, 1], ("projection", 0.02): [1, 1]}
+    placed |= {("projection", 0.04): [1, 0]}
+    arm = {"robot": "ur3", "setting": setting, "base": "0 0 0", "branch": "out", "self_collision": True}
+    arm |= {"orientation_weight": 1.0, "sampler": "DDIM", "sampling_steps": 10, "code_version": version}
+    rows = [
+        arm | {"method": method, "lambda": scale, "checkpoint_hash": "abc", "episode_seed": seed, "p2": p2, "score": p2}
+        for (method, scale), both in placed.items()
+        for seed, p2 in enumerate(both, 50_000)
+    ]
+    rows.append(rows[-1] | {"episode_seed": 100_000, "lambda": 0.08, "p2": 1})  # no validation episode
+    folder.mkdir()
+    pd.DataFrame(rows).to_parquet(folder / "episodes.parquet")
+    return str(folder)
+
+
+def test_the_scale_is_the_one_chosen_on_validation_episodes(tmp_path):
+    config = RunConfig(RobotConfig("ur3"), None, "projection", device="cpu")
+    version = make_rollout(config, 0.0, checkpoint_folder(42), Console()).condition.code_version
+    config.scales_dir = scales(tmp_path / "a", version)
+    assert with_scale(config).guidance_scale == 0.02
+    config.method = "direct"
+    assert with_scale(config).guidance_scale == 0
+    config.method = "towards"
+    with pytest.raises(SettingError, match="no scale of method=towards for ur3, embodied. Choose one: python -m bench"):
+        with_scale(config)
+    config.method, config.scales_dir = "projection", scales(tmp_path / "b", "older code")
+    with pytest.raises(SettingError, match="no scale of method=projection"):
+        with_scale(config)
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    """A cache of maps with what the sweeps below look at."""
+    with pytest.MonkeyPatch.context() as patch:
+        folder = tmp_path_factory.mktemp("cache")
+        patch.setenv("XDG_CACHE_HOME", str(folder))
+        console = Console(quiet=True)
+        energy_field(load_robot("ur3"), (0.0, 0.0, 0.0), MapConfig(**COARSE), EnergyConfig(), 1, console)
+        yield folder
+
+
+def sweep(folder, *arguments):
+    """Start a small sweep as from a terminal of its own."""
+    settings = ["robot=ur3", "setting=original", "lambda=0,0.5", "slots=2", "device=cpu", f"output_dir={folder}"]
+    settings += [f"hydra.sweep.dir={folder / 'sweep'}", *(f"map.{name}={value}" for name, value in COARSE.items())]
+    with open(folder / "log.txt", "a") as log:
+        command = [sys.executable, "-m", "benchmark.run", "-m", *settings, *arguments]
+        return subprocess.Popen(command, cwd=ROOT, start_new_session=True, stdout=log, stderr=log)
+
+
+@pytest.fixture(scope="module")
+def swept(cache, tmp_path_factory):
+    """Rows of a sweep with a damaged policy that was killed and started again; those of before, its log, its folder."""
+    folder = tmp_path_factory.mktemp("joblib")
+    shutil.copytree(checkpoint_folder(42), folder / "good")
+    shutil.copytree(checkpoint_folder(42), folder / "bad")
+    (folder / "bad" / "model.safetensors").write_bytes(b"no weights")
+    arguments = ["episodes=4", f"policy={folder / 'bad'},{folder / 'good'}"]
+    running, deadline = sweep(folder, *arguments), time.monotonic() + 900
+    while read_episodes(folder).empty and running.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.1)
+    os.killpg(running.pid, signal.SIGKILL)
+    running.wait()
+    before = read_episodes(folder)
+    status = sweep(folder, *arguments, "workers=1").wait(timeout=900)
+    return read_episodes(folder), before, (status, (folder / "log.txt").read_text()), folder
+
+
+def test_a_killed_sweep_goes_on_where_it_was(swept):
+    rows, before, _, _ = swept
+    assert 0 < len(before) < 8
+    assert len(rows) == 8 and not rows.duplicated(["lambda", "episode_seed"]).any()
+    assert set(rows.method) == {"direct", "paper"}
+    kept = rows[rows.row_hash.isin(before.row_hash)]
+    assert len(kept) == len(before)
+
+
+def test_a_failed_job_leaves_its_reason_and_stops_no_other(swept):
+    *_, (status, log), folder = swept
+    assert status == 1
+    files = sorted((folder / "sweep" / "failed").iterdir())
+    assert [file.name for file in files] == [f"ur3-original-paper-{scale}-bad.txt" for scale in ("0", "0.5")]
+    job, why, *_ = files[1].read_text().splitlines()
+    assert f"policy={folder / 'bad'}" in job and "lambda=0.5" in job and "SafetensorError" in why
+    *_, first, second, last = log.splitlines()
+    assert "Failed: ur3-original-paper-0-bad: SafetensorError" in first and "0.5-bad" in second
+    assert "The same command goes on" in last
+
+
+def test_a_cluster_s_jobs_store_the_same_rows_and_are_counted(swept, cache, tmp_path):
+    rows, *_, folder = swept
+    arguments = ["episodes=2", f"policy={folder / 'good'}", "hydra/launcher=submitit_local"]
+    assert sweep(tmp_path, *arguments).wait(timeout=900) == 0
+    log = (tmp_path / "log.txt").read_text()
+    assert (
+        "2 jobs of 4 episodes: 0 are stored, 2 to run. 0 cannot run." in log and "4/4" in log and "All is stored" in log
+    )
+    assert set(read_episodes(tmp_path).row_hash) == set(rows[rows.episode_seed < 100_002].row_hash)
