@@ -12,7 +12,7 @@ import numpy as np
 from benchmark.command import run_command
 from benchmark.config import SOURCE, RobotConfig, RunConfig
 from benchmark.outputs import replacing
-from benchmark.run import chosen_checkpoint, make_rollout
+from benchmark.run import chosen_checkpoint, make_rollout, with_scale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,6 +32,7 @@ def main(config: RunConfig) -> None:
 
     Writes the figure, as in the paper, to output_dir.
     """
+    config = with_scale(config)
     checkpoint = chosen_checkpoint(config)
     from rich.console import Console
 
