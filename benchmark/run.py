@@ -230,4 +230,10 @@ def run_and_store_all(
 
 
 if __name__ == "__main__":
+    from hydra.core.plugins import Plugins
+
+    plugins = Plugins.instance()  # It looks through the folders on the path, so not where this is run from elsewhere.
+    from hydra_plugins.missing_jobs import MissingJobsSweeper
+
+    plugins.register(MissingJobsSweeper)
     run_command(main, RunConfig, "run")
