@@ -108,6 +108,21 @@ def _seconds_file(built: "ReachabilityMap") -> Path:
     return Path(platformdirs.user_cache_dir("richmap"), "maps", f"{built.content_hash[:16]}.seconds")
 
 
+def compared_maps(
+    target: "RobotDescription",
+    base: tuple[float, float, float],
+    config: MapConfig,
+    workers: int,
+    console: Console,
+) -> tuple["ReachabilityMap", "ReachabilityMap"]:
+    """The maps that a field is made of: the source's, and that of a target arm with its base at a point, in [m]."""
+    from richmap.robots import load_robot
+
+    source_map = robot_map(load_robot(SOURCE), (0.0, 0.0, 0.0), config, workers, console)
+    same = target.name == SOURCE and not any(base)
+    return source_map, source_map if same else robot_map(target, base, config, workers, console)
+
+
 def energy_field(
     target: "RobotDescription",
     base: tuple[float, float, float],
@@ -123,11 +138,8 @@ def energy_field(
     """
     from benchmark.cache import cached, fingerprint
     from richmap import energy, energy_settings, similarity
-    from richmap.robots import load_robot
 
-    source_map = robot_map(load_robot(SOURCE), (0.0, 0.0, 0.0), map_config, workers, console)
-    same = target.name == SOURCE and not any(base)
-    target_map = source_map if same else robot_map(target, base, map_config, workers, console)
+    source_map, target_map = compared_maps(target, base, map_config, workers, console)
     inputs = {
         "source": source_map.content_hash,
         "target": target_map.content_hash,

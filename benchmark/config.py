@@ -162,9 +162,9 @@ class ArmConfig:
             check_setting(0 < weight < math.inf, "arm.orientation_weight", weight, "a number above 0")
 
 
-@dataclass
+@dataclass(unsafe_hash=True)
 class WandbConfig:
-    """Whether training is logged in Weights & Biases."""
+    """Whether runs are logged in Weights & Biases, and where."""
 
     mode: str = "disabled"
     """online, offline (kept on disk, for `wandb sync`) or disabled."""
@@ -172,6 +172,10 @@ class WandbConfig:
     """Project that the runs go to."""
     folder: str = "outputs"
     """Folder that gets a folder `wandb`."""
+    group: str = ""
+    """What the runs belong to; empty for the sweep's folder, or else the output folder."""
+    video: bool = False
+    """Whether the first episode of an evaluation is logged as a GIF, true or false."""
 
     def __post_init__(self) -> None:
         modes = ("online", "offline", "disabled")
@@ -232,6 +236,7 @@ class RunConfig:
     arm: ArmConfig = field(default_factory=ArmConfig)
     map: MapConfig = field(default_factory=MapConfig)
     energy: EnergyConfig = field(default_factory=EnergyConfig)
+    wandb: WandbConfig = field(default_factory=WandbConfig)
 
     def __post_init__(self) -> None:
         check_setting(self.robot.name in TASK_ARMS, "robot", self.robot.name, ", ".join(TASK_ARMS))
@@ -307,6 +312,16 @@ class ScalesConfig:
         """Settings of direct transfer with the policy of one training seed."""
         names = {each.name for each in fields(RunConfig)} - {"seed"}
         return RunConfig(**{name: value for name, value in vars(self).items() if name in names}, seed=seed)
+
+
+@dataclass
+class DashboardConfig:
+    """Builds the workspace of a W&B project: curves over lambda, causes of failure, episodes, trainings."""
+
+    project: str = WandbConfig.project
+    """Project that the runs went to."""
+    entity: str = ""
+    """User or team of the project; empty for the account's own."""
 
 
 @dataclass

@@ -4,10 +4,15 @@ python -m benchmark.record robot=ur3 lambda=0.5 seed_start=100000 output_dir=res
 """
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from benchmark.command import run_command
 from benchmark.config import RunConfig
 from benchmark.run import chosen_checkpoint, make_rollout, with_scale
+
+if TYPE_CHECKING:
+    from benchmark.results import Episode
+    from benchmark.rollout import Rollout
 
 FRAMES_PER_SECOND = 20
 """Twice the speed of the episode, at a frame per control step."""
@@ -17,10 +22,7 @@ def main(config: RunConfig) -> None:
     """Play episodes from seed `seed_start` on and write each to `output_dir` as a GIF."""
     config = with_scale(config)
     checkpoint = chosen_checkpoint(config)
-    import imageio.v3 as imageio
     from rich.console import Console
-
-    from benchmark.rollout import play
 
     console = Console()
     rollout = make_rollout(config, config.guidance_scale, checkpoint, console)
@@ -28,11 +30,21 @@ def main(config: RunConfig) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     scale = f"{'lambda' if config.method == 'paper' else config.method}{config.guidance_scale:g}"
     for seed in range(config.seed_start, config.seed_start + config.episodes):
-        frames = []
-        (episode,) = play(rollout, [seed], watch=lambda env, frames=frames: frames.append(env.render()[::2, ::2]))
         file = folder / f"{config.robot.name}-{config.setting}-{scale}-{seed}.gif"
-        imageio.imwrite(file, frames[::2], duration=2000 / FRAMES_PER_SECOND, loop=0)
+        episode = record(rollout, seed, file)
         console.print(f"{file}: score {episode.outcome.score}, {episode.outcome.length} steps", soft_wrap=True)
+
+
+def record(rollout: "Rollout", seed: int, file: Path) -> "Episode":
+    """Play one episode and write it as a GIF."""
+    import imageio.v3 as imageio
+
+    from benchmark.rollout import play
+
+    frames = []
+    (episode,) = play(rollout, [seed], watch=lambda env: frames.append(env.render()[::2, ::2]))
+    imageio.imwrite(file, frames[::2], duration=2000 / FRAMES_PER_SECOND, loop=0)
+    return episode
 
 
 if __name__ == "__main__":

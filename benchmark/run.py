@@ -40,11 +40,16 @@ def main(config: RunConfig) -> None:
     checkpoint = chosen_checkpoint(config)
     from rich.console import Console
 
+    from benchmark.experiment_log import log_evaluation, log_field
     from benchmark.report import print_report
 
     console = Console()
     rollouts = [make_rollout(config, scale, checkpoint, console) for scale in sorted({0.0, config.guidance_scale})]
-    tables = [run_and_store(rollout, config, console) for rollout in rollouts]
+    tables = []
+    for rollout in rollouts:
+        log_field(config, rollout, config.output_dir)
+        tables.append(run_and_store(rollout, config, console))
+        log_evaluation(config, rollout, tables[-1], config.output_dir)
     print_report(tables, Path(config.output_dir), console)
 
 

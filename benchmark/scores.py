@@ -22,17 +22,19 @@ def by_condition(episodes: pd.DataFrame) -> pd.DataFrame:
     """
     rows = []
     for condition, group in episodes.groupby(CONDITION, dropna=False, sort=True):
-        row = dict(zip(CONDITION, condition, strict=True)) | {
-            "n": len(group),
-            "seeds": f"{group.episode_seed.min()}-{group.episode_seed.max()}",
-        }
-        for score in SCORES:
-            values = group[score].to_numpy(dtype=float)
-            row[score] = values.mean()
-            row[f"{score}_low"], row[f"{score}_high"] = rate_interval(values)
-        row["causes"] = group.failure_cause.dropna().value_counts().to_dict()
-        rows.append(row)
+        seeds = f"{group.episode_seed.min()}-{group.episode_seed.max()}"
+        rows.append(dict(zip(CONDITION, condition, strict=True)) | {"seeds": seeds} | figures(group))
     return pd.DataFrame(rows).sort_values(["setting", "robot", "p2"], ascending=[True, True, False])
+
+
+def figures(episodes: pd.DataFrame) -> dict:
+    """Of episodes that belong together: n, each score with its 95 % interval (`_low`, `_high`), causes of failure."""
+    row: dict = {"n": len(episodes)}
+    for score in SCORES:
+        values = episodes[score].to_numpy(dtype=float)
+        row[score] = values.mean()
+        row[f"{score}_low"], row[f"{score}_high"] = rate_interval(values)
+    return row | {"causes": episodes.failure_cause.dropna().value_counts().to_dict()}
 
 
 def paired(episodes: pd.DataFrame, control: pd.DataFrame) -> pd.DataFrame:

@@ -201,7 +201,7 @@ def log_validation(table: "pd.DataFrame", config: SourcePoliciesConfig) -> None:
             for row in rows.sort_values("step").itertuples():
                 run.log({"validation/p2": row.p2, "validation/score": row.score}, step=row.step)
             for name in rows.checkpoint[rows.checkpoint != ""]:
-                log_checkpoint(run, str(config.folder / name), f"{config.recipe}-{name}")
+                log_checkpoint(run, config.folder / name)
 
 
 def markdown(table: "pd.DataFrame", config: SourcePoliciesConfig) -> str:

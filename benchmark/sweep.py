@@ -13,9 +13,10 @@ import traceback
 from collections.abc import Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pandas as pd
 from hydra.core.hydra_config import HydraConfig
@@ -25,10 +26,14 @@ from rich.console import Console
 
 from benchmark.command import SettingError, typed
 from benchmark.config import SOURCE, RunConfig
+from benchmark.experiment_log import log_curves, log_evaluation, log_field
 from benchmark.outputs import replacing
 from benchmark.progress import progress_bar
-from benchmark.results import CONDITION, Condition, stored
+from benchmark.results import CONDITION, episodes_of, read_episodes, stored
 from benchmark.run import chosen_checkpoint, make_rollout, run_and_store, with_scale
+
+if TYPE_CHECKING:
+    from benchmark.rollout import Rollout
 
 LOOK_EVERY = 5.0
 """How often the tables are counted, in [s]."""
@@ -48,14 +53,19 @@ class Job:
 
     overrides: tuple[str, ...]
     """What tells it from the defaults, as on the command line."""
-    name: str
-    condition: Condition
+    config: RunConfig = field(compare=False)
+    rollout: "Rollout"
     seeds: range
     output_dir: Path
 
+    @property
+    def name(self) -> str:
+        """What it is called where it failed."""
+        return job_name(self.config)
+
     def episodes(self) -> pd.DataFrame:
         """What identifies each episode, one per row."""
-        row = self.condition.row()
+        row = self.rollout.condition.row()
         return pd.DataFrame({"episode_seed": self.seeds} | {name: row[name] for name in CONDITION})
 
 
@@ -82,7 +92,8 @@ def run_sweep(composed: list[tuple[list[str], DictConfig]], launcher: Launcher, 
     for overrides, config in configs.items():
         try:
             job = prepare(overrides, config, console)
-            jobs.setdefault((job.condition, job.seeds, job.output_dir), job)  # lambda=0 is the same for every method.
+            key = job.rollout.condition, job.seeds, job.output_dir
+            jobs.setdefault(key, job)  # lambda=0 is the same for every method.
         except Exception as error:
             note_failure(folder, config, overrides, error)
             failed[job_name(config)] = reason(error)
@@ -94,8 +105,13 @@ def run_sweep(composed: list[tuple[list[str], DictConfig]], launcher: Launcher, 
         soft_wrap=True,
     )
     if missing:
+        for job in missing:
+            log_field(job.config, job.rollout, folder.name)
         with progress(missing, folder, console):
             launch(missing, launcher, console)
+    wandb = next(iter(configs.values())).wandb
+    if jobs and wandb.mode != "disabled":
+        log_curves(wandb, rows_of(jobs.values()), folder.name)
     for job in unfinished(missing):
         file = failure_file(folder, job.name)
         failed[job.name] = file.read_text().splitlines()[1] if file.exists() else "It did not get to its end."
@@ -143,7 +159,7 @@ def prepare(overrides: tuple[str, ...], config: RunConfig, console: Console) -> 
     config = with_scale(config)
     rollout = make_rollout(config, config.guidance_scale, chosen_checkpoint(config), console)
     seeds = range(config.seed_start, config.seed_start + config.episodes)
-    return Job(overrides, job_name(config), rollout.condition, seeds, Path(config.output_dir))
+    return Job(overrides, config, rollout, seeds, Path(config.output_dir))
 
 
 def unfinished(jobs: Iterable[Job]) -> dict[Job, int]:
@@ -156,13 +172,23 @@ def unfinished(jobs: Iterable[Job]) -> dict[Job, int]:
     return {job: missing[job] for job in order if missing[job]}
 
 
+def rows_of(jobs: Iterable[Job]) -> pd.DataFrame:
+    """The stored episodes of jobs."""
+    tables = {output_dir: read_episodes(output_dir) for output_dir in {job.output_dir for job in jobs}}
+    found = [episodes_of(tables[job.output_dir], job.rollout.condition) for job in jobs]
+    return pd.concat(
+        [rows[rows.episode_seed.isin(job.seeds)] for rows, job in zip(found, jobs, strict=True)], ignore_index=True
+    )
+
+
 def run_job(config: DictConfig) -> None:
     """A job of a sweep: its own lambda only, in this process. Why it failed is written to the sweep's folder."""
     _tie_to_launcher()
     job = typed(config, RunConfig)
     try:
         job = replace(with_scale(job), workers=1)
-        run_and_store(make_rollout(job, job.guidance_scale, chosen_checkpoint(job), QUIET), job, QUIET)
+        rollout = make_rollout(job, job.guidance_scale, chosen_checkpoint(job), QUIET)
+        log_evaluation(job, rollout, run_and_store(rollout, job, QUIET), Path(HydraConfig.get().sweep.dir).name)
     except Exception as error:
         hydra = HydraConfig.get()
         note_failure(Path(hydra.sweep.dir), job, hydra.overrides.task, error)

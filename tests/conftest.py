@@ -1,6 +1,7 @@
 """What several test modules need. Loaded before shapes are checked, so it imports richmap inside of functions."""
 
 import functools
+import json
 
 import numpy as np
 import pytest
@@ -80,6 +81,46 @@ def transfer_episodes():
             )
     table += rows("ur3", "embodied", "pull-back", 1.0, 0.7, best, range(100_045, 100_055), "e" * 64)
     return pd.DataFrame(table).astype(OPTIONAL)
+
+
+@pytest.fixture
+def offline_runs():
+    """Reads what W&B kept on disk: of each run in a folder its settings, history and artifacts, by their names."""
+    from types import SimpleNamespace
+
+    import wandb
+    from wandb.proto.wandb_internal_pb2 import Record
+    from wandb.sdk.internal.datastore import DataStore
+
+    def plain(items):
+        return {".".join(item.nested_key) or item.key: json.loads(item.value_json) for item in items}
+
+    def read(folder):
+        wandb.teardown()  # Ends the process that writes the files.
+        runs = []
+        for file in folder.glob("wandb/offline-run-*/run-*.wandb"):
+            store, records = DataStore(), []
+            store.open_for_scan(str(file))
+            while (data := store.scan_data()) is not None:
+                records.append(Record.FromString(data))
+            store.close()
+            (run,) = [record.run for record in records if record.HasField("run")]
+            artifacts = [record.artifact for record in records if record.HasField("artifact")]
+            runs.append(
+                SimpleNamespace(
+                    start=run.start_time.ToNanoseconds(),
+                    name=run.display_name,
+                    kind=run.job_type,
+                    group=run.run_group,
+                    config=plain(run.config.update),
+                    history=[plain(record.history.item) for record in records if record.HasField("history")],
+                    made={each.name: each for each in artifacts if not each.use_after_commit},
+                    used={each.name: each for each in artifacts if each.use_after_commit},
+                )
+            )
+        return sorted(runs, key=lambda run: run.start)
+
+    return read
 
 
 @pytest.fixture(scope="session")

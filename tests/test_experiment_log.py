@@ -1,63 +1,182 @@
 """What W&B keeps on disk can be read back, and nothing waits for a network."""
 
 import json
+import os
+import pty
+import subprocess
+import sys
+from dataclasses import fields
+from pathlib import Path
 
+import numpy as np
 import pytest
-import wandb
-from wandb.proto.wandb_internal_pb2 import Record
-from wandb.sdk.internal.datastore import DataStore
 
-from benchmark.config import WandbConfig
-from benchmark.experiment_log import log_checkpoint, start_experiment
+from benchmark.config import RobotConfig, RunConfig, WandbConfig
+from benchmark.experiment_log import log_checkpoint, log_curves, log_evaluation, log_field, start_experiment
+from benchmark.results import Condition
+from benchmark.rollout import Rollout
+from benchmark.run import checkpoint_folder
+from richmap.energy import EnergyField
+from richmap.grid import Grid
 
-
-def records(folder) -> list[Record]:
-    (file,) = folder.glob("wandb/offline-run-*/run-*.wandb")
-    store = DataStore()
-    store.open_for_scan(str(file))
-    read = []
-    while (data := store.scan_data()) is not None:
-        record = Record()
-        record.ParseFromString(data)
-        read.append(record)
-    store.close()
-    return read
+ROOT = Path(__file__).parents[1]
 
 
-def test_what_was_logged_offline_can_be_read_back(tmp_path):
-    (tmp_path / "seed42-1").mkdir()
-    (tmp_path / "seed42-1" / "model.safetensors").write_bytes(b"weights")
-    config = WandbConfig(mode="offline", folder=str(tmp_path))
+@pytest.fixture
+def evaluated(transfer_episodes, tmp_path):
+    """Settings, rollout and episodes of one policy on the UR3, guided by a field."""
+    grid = Grid((-1.0, -1.0, -0.8), 0.2, (10, 10, 10))
+    about = {"source": "xarm6", "target": "ur3", "fingerprint": "f" * 64}
+    EnergyField(grid, np.zeros(grid.shape), about).save(tmp_path / "field.safetensors")
+    table = transfer_episodes
+    rows = table[(table.setting == "original") & (table["lambda"] == 0.5) & (table.checkpoint == "seed42-1")]
+    first = rows.iloc[0].to_dict()
+    condition = Condition(
+        **{each.name: first["lambda" if each.name == "guidance_scale" else each.name] for each in fields(Condition)}
+    )
+    config = RunConfig(
+        RobotConfig("ur3"), setting="original", wandb=WandbConfig("offline", folder=str(tmp_path)), guidance_scale=0.5
+    )
+    return config, Rollout(condition, checkpoint_folder(42), tmp_path / "field.safetensors"), rows
+
+
+def test_what_was_logged_offline_can_be_read_back(tmp_path, offline_runs, capfd):
+    config = WandbConfig("offline", folder=str(tmp_path))
     with start_experiment(config, "seed42", "robust", "train", {"steps": 2}) as run:
         run.log({"train/loss": 0.5, "train/lr": 1e-3}, step=1)
         run.log({"validation/p2": 0.99}, step=2)
-        log_checkpoint(run, str(tmp_path / "seed42-1"), "robust-seed42-1")
-    wandb.teardown()  # Ends the process that writes the file.
-    read = records(tmp_path)
-    logged = {
-        item.nested_key[0] if item.nested_key else item.key: json.loads(item.value_json)
-        for record in read
-        for item in record.history.item
-    }
-    assert logged["train/loss"] == 0.5 and logged["train/lr"] == 1e-3 and logged["validation/p2"] == 0.99
-    artifacts = [record.request.log_artifact.artifact for record in read if record.HasField("request")]
-    artifacts += [record.artifact for record in read if record.HasField("artifact")]
-    assert "robust-seed42-1" in {artifact.name for artifact in artifacts}
+        log_checkpoint(run, checkpoint_folder(42))
+    (run,) = offline_runs(tmp_path)
+    assert (run.name, run.group, run.kind, run.config["steps"]) == ("seed42", "robust", "train", 2)
+    first, second = run.history
+    assert (first["train/loss"], first["train/lr"], second["validation/p2"]) == (0.5, 1e-3, 0.99)
+    ((name, checkpoint),) = run.made.items()
+    assert name.startswith("seed42-1-")
+    files = {each.path: Path(each.local_path) for each in checkpoint.manifest.contents}
+    assert files["model.safetensors"] == checkpoint_folder(42) / "model.safetensors"
+    assert capfd.readouterr() == ("", "")
 
 
-def test_disabled_leaves_nothing(tmp_path):
-    with start_experiment(WandbConfig(folder=str(tmp_path)), "seed42", "robust", "train", {}) as run:
+def test_an_evaluation_is_logged_with_its_episodes_and_its_point_on_the_curve(evaluated, tmp_path, offline_runs):
+    config, rollout, episodes = evaluated
+    log_evaluation(config, rollout, episodes, "a sweep")
+    (run,) = offline_runs(tmp_path)
+    assert (run.kind, run.group) == ("evaluation", "a sweep")
+    assert (run.config["robot"], run.config["method"], run.config["lambda"]) == ("ur3", "paper", 0.5)
+    assert run.config["map"]["theta"] == 0.1 and run.config["cell_size"] == 0.05
+    (point,) = run.history
+    assert point["lambda"] == 0.5 and point["n"] == len(episodes) == 11
+    assert point["score"] == pytest.approx(episodes.score.mean())
+    assert point["score_low"] < point["score"] < point["score_high"]
+    causes = episodes.failure_cause.dropna().value_counts()
+    assert {name: point[f"failed/{name}"] for name in causes.index} == causes.to_dict()
+    (file,) = tmp_path.glob("wandb/offline-run-*/files/media/table/episodes*.json")
+    table = json.loads(file.read_text())
+    logged = dict(zip(table["columns"], zip(*table["data"], strict=True), strict=True))
+    assert list(logged["episode_seed"]) == list(episodes.episode_seed)
+    assert list(logged["row_hash"]) == list(episodes.row_hash) and not {"path_x", "path_y"} & {*logged}
+
+
+def test_artifacts_lead_from_maps_to_evaluation_and_from_a_training(
+    evaluated, tmp_path, offline_runs, monkeypatch, sampled_map
+):
+    config, rollout, episodes = evaluated
+    maps = [sampled_map(name, Grid((-1.0, -1.0, -0.8), 0.2, (10, 10, 10)), 100) for name in ("xarm6", "ur3")]
+    monkeypatch.setattr("benchmark.build_maps.compared_maps", lambda *arguments: maps)
+    log_field(config, rollout, "a sweep")
+    log_field(config, rollout, "a sweep")  # Once is enough.
+    log_evaluation(config, rollout, episodes, "a sweep")
+    with start_experiment(config.wandb, "seed42", "robust", "validate", {}) as run:
+        log_checkpoint(run, rollout.checkpoint)
+    of_field, evaluation, validation = offline_runs(tmp_path)
+    assert [name.rpartition("-")[0] for name in of_field.used] == ["map-xarm6", "map-ur3"]
+    ((name, field),) = of_field.made.items()
+    assert name == "field-ur3-ffffffffffff"
+    assert {*evaluation.used} == {name, *validation.made}
+    assert evaluation.used[name].digest == field.digest
+    for name, checkpoint in validation.made.items():
+        assert evaluation.used[name].digest == checkpoint.digest
+    for reachability_map, artifact in zip(maps, of_field.used.values(), strict=True):
+        (file,) = artifact.manifest.contents
+        about = json.loads(Path(file.local_path).read_text())
+        assert about["content_hash"] == reachability_map.content_hash and about["theta"] == 0.3
+        assert about["construction"]["robot_fingerprint"] == reachability_map.construction.robot_fingerprint
+        assert about["directions"] == reachability_map.inserted and "byte for byte" in artifact.description
+
+
+def test_a_curve_has_a_point_for_each_lambda_over_all_policies(transfer_episodes, tmp_path, offline_runs):
+    rows = transfer_episodes[(transfer_episodes.robot == "ur3") & (transfer_episodes.setting == "original")]
+    log_curves(WandbConfig("offline", folder=str(tmp_path), group="transfer"), rows, "a sweep")
+    (run,) = offline_runs(tmp_path)
+    assert (run.name, run.kind, run.group) == ("ur3-original-paper", "curve", "transfer")
+    assert [point["lambda"] for point in run.history] == [0, 0.5, 1]
+    for point in run.history:
+        at = rows[rows["lambda"] == point["lambda"]]
+        assert point["curve/p2"] == pytest.approx(at.p2.mean()) and point["curve/n"] == len(at)
+        assert point["curve/p2_low"] < point["curve/p2"] < point["curve/p2_high"]
+
+
+def test_a_video_is_logged_where_pictures_can_be_drawn(evaluated, tmp_path, offline_runs, monkeypatch, capsys):
+    config, rollout, episodes = evaluated
+    config.wandb.video = True
+    recorded = []
+
+    def record(rollout, seed, file):
+        recorded.append(seed)
+        if len(recorded) == 2:
+            raise ImportError("no EGL")
+        file.write_bytes(b"GIF89a")
+
+    monkeypatch.setattr("benchmark.record.record", record)
+    log_evaluation(config, rollout, episodes, "a sweep")
+    log_evaluation(config, rollout, episodes, "a sweep")
+    first, second = offline_runs(tmp_path)
+    assert first.history[-1]["video._type"] == "video-file" and len(second.history) == 1
+    assert recorded == [99_999, 99_999]
+    assert capsys.readouterr().out == "W&B: no video of episode 99999. ImportError: no EGL\n"
+
+
+def test_disabled_leaves_nothing_and_computes_nothing(evaluated, tmp_path, capfd, monkeypatch):
+    config, rollout, _ = evaluated
+    config.wandb = WandbConfig(folder=str(tmp_path))
+    with start_experiment(config.wandb, "seed42", "robust", "train", {}) as run:
         run.log({"train/loss": 0.5}, step=1)
-    assert not list(tmp_path.iterdir())
+        log_checkpoint(run, rollout.checkpoint)
+    log_field(config, rollout, "a sweep")
+    log_evaluation(config, rollout, None, "a sweep")
+    assert [file.name for file in tmp_path.iterdir()] == ["field.safetensors"]
+    assert capfd.readouterr() == ("", "")
 
 
-def test_a_server_that_does_not_answer_means_offline(tmp_path, monkeypatch, capsys):
+def test_a_server_that_does_not_answer_means_offline_also_for_the_next_run(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("WANDB_BASE_URL", "http://127.0.0.1:9")
     monkeypatch.setenv("WANDB_API_KEY", "x" * 40)
-    with start_experiment(WandbConfig(mode="online", folder=str(tmp_path)), "seed42", "robust", "train", {}) as run:
-        run.log({"train/loss": 0.5}, step=1)
-    assert list(tmp_path.glob("wandb/offline-run-*/run-*.wandb"))
-    assert "kept in" in capsys.readouterr().out
+    monkeypatch.setenv("WANDB_MODE", "online")
+    for name in ("seed42", "seed43"):
+        with start_experiment(WandbConfig("online", folder=str(tmp_path)), name, "robust", "train", {}) as run:
+            run.log({"train/loss": 0.5}, step=1)
+    assert len(list(tmp_path.glob("wandb/offline-run-*/run-*.wandb"))) == 2
+    assert capsys.readouterr().out.count("kept in") == 1
+
+
+def test_nobody_is_asked_for_an_account(tmp_path):
+    """Also at a terminal, where W&B would."""
+    code = f"""
+from benchmark.config import WandbConfig
+from benchmark.experiment_log import start_experiment
+with start_experiment(WandbConfig("online", folder="{tmp_path}"), "seed42", "robust", "train", {{}}) as run:
+    run.log({{"train/loss": 0.5}})
+"""
+    home = {"HOME": str(tmp_path), "NETRC": str(tmp_path / "none"), "TERM": "xterm"}
+    unset = {"WANDB_API_KEY", "WANDB_MODE", "CI"}
+    environment = {name: value for name, value in os.environ.items() if name not in unset} | home
+    ours, theirs = pty.openpty()
+    asked = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env=environment, stdin=theirs, stdout=theirs, stderr=theirs, timeout=120
+    )
+    said = os.read(ours, 10_000).decode()
+    assert asked.returncode == 0 and len(said.splitlines()) == 1 and "No API key configured" in said
+    assert "kept in" in said and list(tmp_path.glob("wandb/offline-run-*/run-*.wandb"))
 
 
 def test_an_unknown_mode_is_refused():

@@ -2,7 +2,6 @@
 
 import pandas as pd
 import pytest
-import wandb
 
 from benchmark.command import SettingError
 from benchmark.config import WandbConfig
@@ -60,15 +59,22 @@ def test_the_table_names_every_candidate(tmp_path, config):
     assert "| seed42-1 " in text and "90.0 [59.6, 98.2]" in text
 
 
-def test_validation_and_checkpoints_go_to_wandb(tmp_path, config):
+def test_validation_and_checkpoints_go_to_wandb(tmp_path, config, offline_runs):
     table = ranking(candidates(tmp_path, (0.9, 0.95, 100), (1.0, 1.0, 120)), 1)
     publish(table, config)
     config.wandb = WandbConfig(mode="offline", folder=str(tmp_path))
     log_validation(table, config)
-    wandb.teardown()  # Ends the process that writes the file.
-    (file,) = tmp_path.glob("wandb/offline-run-*/run-*.wandb")
-    written = file.read_bytes()
-    assert b"validation/p2" in written and b"robust-seed42-1" in written and b"robust-seed42-2" not in written
+    (run,) = offline_runs(tmp_path)
+    assert [row["validation/p2"] for row in run.history] == [0.9, 1.0]
+    (checkpoint,) = run.made
+    assert checkpoint.startswith("seed42-1-")
+
+
+def test_nothing_is_said_of_wandb_where_it_is_disabled(tmp_path, config, capfd):
+    table = ranking(candidates(tmp_path, (0.9, 0.95, 100)), 1)
+    publish(table, config)
+    log_validation(table, config)
+    assert capfd.readouterr() == ("", "")
 
 
 def test_every_seed_trains_on_the_recipes_data():

@@ -171,12 +171,21 @@ def test_a_failed_job_leaves_its_reason_and_stops_no_other(swept):
     assert "The same command goes on" in last
 
 
-def test_a_cluster_s_jobs_store_the_same_rows_and_are_counted(swept, cache, tmp_path):
+def test_a_cluster_s_jobs_store_the_same_rows_and_are_counted_and_logged(swept, cache, tmp_path, offline_runs):
     rows, *_, folder = swept
     arguments = ["episodes=2", f"policy={folder / 'good'}", "hydra/launcher=submitit_local"]
+    arguments += ["wandb.mode=offline", f"wandb.folder={tmp_path}", "wandb.group=mine"]
     assert sweep(tmp_path, *arguments).wait(timeout=900) == 0
     log = (tmp_path / "log.txt").read_text()
     assert (
         "2 jobs of 4 episodes: 0 are stored, 2 to run. 0 cannot run." in log and "4/4" in log and "All is stored" in log
     )
     assert set(read_episodes(tmp_path).row_hash) == set(rows[rows.episode_seed < 100_002].row_hash)
+    runs = offline_runs(tmp_path)
+    assert sorted(run.kind for run in runs) == ["curve", "evaluation", "evaluation", "field"]
+    assert {run.group for run in runs} == {"mine"}
+    (curve,), (field,) = ([run for run in runs if run.kind == kind] for kind in ("curve", "field"))
+    assert [point["lambda"] for point in curve.history] == [0, 0.5]
+    assert [name.rpartition("-")[0] for name in field.used] == ["map-xarm6", "map-ur3"]
+    (guided,) = [run for run in runs if run.config.get("lambda") == 0.5]
+    assert {*field.made} < {*guided.used}
