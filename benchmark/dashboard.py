@@ -1,0 +1,82 @@
+"""The W&B workspace of a project: curves over lambda, causes of failure, episodes, trainings.
+
+python -m benchmark.dashboard
+"""
+
+import warnings
+from typing import TYPE_CHECKING
+
+from benchmark.command import SettingError, run_command
+from benchmark.config import DashboardConfig
+
+if TYPE_CHECKING:
+    from wandb_workspaces.workspaces import Workspace
+
+
+def main(config: DashboardConfig) -> None:
+    """Save the workspace in the project and print where it is."""
+    import wandb
+
+    from benchmark.experiment_log import PATIENCE
+
+    wandb.setup(wandb.Settings(silent=True))  # Nothing is asked.
+    try:
+        entity = config.entity or wandb.Api(timeout=PATIENCE).default_entity
+        print(workspace(entity, config.project).save().url)
+    except (wandb.Error, OSError) as error:  # The HTTP clients' errors are OSErrors.
+        raise SettingError(
+            f"W&B kept no workspace of project={config.project}: {error} It needs a network and an account: make one "
+            "at wandb.ai, then give its key to `wandb login` or as WANDB_API_KEY."
+        ) from error
+
+
+def workspace(entity: str, project: str) -> "Workspace":
+    """What is drawn from the runs of `benchmark.run`, `benchmark.train` and `benchmark.source_policies`."""
+    from benchmark.scores import SCORES
+    from envs.failure import CAUSES
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # It is written in an older style of pydantic.
+        import wandb_workspaces.reports.v2 as panels
+        import wandb_workspaces.workspaces as views
+
+    curves = [
+        panels.LinePlot(
+            title=f"{score}, all policies, with its interval",
+            x="lambda",
+            y=[f"curve/{score}", f"curve/{score}_low", f"curve/{score}_high"],
+            range_y=(0, 1),
+        )
+        for score in SCORES
+    ]
+    differences = [
+        panels.LinePlot(title=f"{score} minus direct transfer", x="lambda", y=[f"curve/{score}_difference"])
+        for score in SCORES
+    ]
+    policies = [
+        panels.ScatterPlot(
+            title=f"{score}, each policy", x=panels.Config("lambda"), y=panels.SummaryMetric(score), range_y=(0, 1)
+        )
+        for score in SCORES
+    ]
+    causes = panels.BarPlot(
+        title="Failed episodes by cause", metrics=[panels.SummaryMetric(f"failed/{cause}") for cause in CAUSES]
+    )
+    training = [panels.LinePlot(y=[name]) for name in ("train/loss", "train/lr", "train/grad_norm", "validation/p2")]
+    sections = {
+        "Success over lambda": [*curves, *differences],
+        "Policies": policies,
+        "Failures": [causes],
+        "Episodes": [panels.WeavePanelSummaryTable(table_name="episodes"), panels.MediaBrowser(media_keys=["video"])],
+        "Training": training,
+    }
+    return views.Workspace(
+        entity=entity,
+        project=project,
+        name="Policy transfer",
+        sections=[views.Section(name=name, panels=shown, is_open=True) for name, shown in sections.items()],
+    )
+
+
+if __name__ == "__main__":
+    run_command(main, DashboardConfig, "dashboard")
