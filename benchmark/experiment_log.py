@@ -182,13 +182,14 @@ def _log_video(run: "wandb.Run", rollout: "Rollout", seed: int) -> None:
 
     from benchmark.record import record
 
-    file = Path(run.dir, f"{seed}.gif")
-    try:
-        record(rollout, seed, file)
-    except Exception as error:  # Whatever the graphics driver of this machine raises.
-        print(f"W&B: no video of episode {seed}. {type(error).__name__}: {' '.join(str(error).split())}")
-        return
-    run.log({"video": wandb.Video(str(file), format="gif")})
+    with TemporaryDirectory() as folder:
+        file = Path(folder, f"{seed}.gif")
+        try:
+            record(rollout, seed, file)
+        except Exception as error:  # Whatever the graphics driver of this machine raises.
+            print(f"W&B: no video of episode {seed}. {type(error).__name__}: {' '.join(str(error).split())}")
+            return
+        run.log({"video": wandb.Video(str(file), format="gif")})
 
 
 def _use(run: "wandb.Run", artifact: "wandb.Artifact") -> None:
