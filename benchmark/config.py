@@ -441,8 +441,7 @@ class ArmsConfig:
     """Processes that roll out; results do not depend on it. A whole number >= 1."""
 
     def __post_init__(self) -> None:
-        for name in self.robots or [None]:
-            check_setting(name in TASK_ARMS[1:], "robots", name, ", ".join(TASK_ARMS[1:]))
+        check_targets(self.robots)
         for name in self.changed:
             check_setting(name in SETTINGS, "changed", name, ", ".join(SETTINGS))
         for name in ("episodes", "workers"):
@@ -473,8 +472,7 @@ class PlaceBasesConfig:
     map: MapConfig = field(default_factory=MapConfig)
 
     def __post_init__(self) -> None:
-        for name in self.robots or [None]:
-            check_setting(name in TASK_ARMS[1:], "robots", name, ", ".join(TASK_ARMS[1:]))
+        check_targets(self.robots)
         check_setting(1 <= self.episodes <= 1000, "episodes", self.episodes, "a whole number from 1 to 1000")
         for name in ("stride", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
@@ -519,8 +517,7 @@ class FieldSensitivityConfig:
     map: MapConfig = field(default_factory=MapConfig)
 
     def __post_init__(self) -> None:
-        for name in self.robots or [None]:
-            check_setting(name in TASK_ARMS[1:], "robots", name, ", ".join(TASK_ARMS[1:]))
+        check_targets(self.robots)
         check_setting(1 <= self.episodes <= 1000, "episodes", self.episodes, "a whole number from 1 to 1000")
         check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
         covered = self.map.half_width >= 0.8
@@ -935,6 +932,12 @@ class LeaderboardConfig:
     output_dir: str = "results"
     """Folder below which every episodes.parquet is read, and to which both files go; moving pictures come from its
     folder figures, the oracles' scores from its folders arms and oracle."""
+
+
+def check_targets(robots: list[str]) -> None:
+    """Raise `SettingError` unless these are arms that a policy can be transferred to, one or more."""
+    for name in robots or [None]:
+        check_setting(name in TASK_ARMS[1:], "robots", name, ", ".join(TASK_ARMS[1:]))
 
 
 def check_seeds(first: int, count: int) -> None:

@@ -27,6 +27,8 @@ class Protocol:
     settings: tuple[str, ...]
     episodes: int
     """Of each policy, from the first test seed on."""
+    policies: int
+    """Of ours; an entry may have one of its own."""
     scores: tuple[str, ...]
     """The first one ranks."""
     best_only: bool
@@ -34,8 +36,8 @@ class Protocol:
 
 
 PROTOCOLS = (
-    Protocol("paper", ("original",), 50, ("score", "p2"), best_only=False),
-    Protocol("strict", ("embodied", "best"), 500, ("p2", "success_at_end"), best_only=True),
+    Protocol("paper", ("original",), 50, 9, ("score", "p2"), best_only=False),
+    Protocol("strict", ("embodied", "best"), 500, 3, ("p2", "success_at_end"), best_only=True),
 )
 
 ARM = ["setting", "robot", "base", "branch", "self_collision", "joint_limits", "orientation_weight"]
@@ -149,12 +151,13 @@ def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol) -> d
             f"{first['lambda']:g}: {', '.join(x[:12] for x in group.checkpoint_hash.unique())}. "
             "Move the episodes.parquet of one of them away."
         )
+    policies = group.checkpoint.nunique() if first.entry_hash else protocol.policies
     row = first[[*ARM, *GUIDANCE, *SAMPLING, "code_version"]].to_dict() | {
         "entry": bool(first.entry_hash),
         "commit": ", ".join(sorted(group.commit.unique())),
         "n": len(group),
         "episodes": group.episode_seed.nunique(),
-        "complete": len(group) == protocol.episodes * group.checkpoint.nunique(),
+        "complete": len(group) == protocol.episodes * policies,
         "trainings": group.training.nunique(),
         "causes": group.failure_cause.dropna().value_counts().to_dict(),
     }

@@ -27,8 +27,8 @@ Made by `python -m benchmark.leaderboard` from the stored episodes alone. With f
   McNemar test.
 - **Reference** and **ceiling** are the scripted oracle that knows nothing of the arm and the one that does, on their
   own (validation) seeds. A policy may beat either.
-- **n** counts episodes, of all policies; * marks a row whose episodes are not complete. *(entry)* came from outside. A
-  dash: not measured.
+- **n** counts episodes, of all policies; * marks a row that lacks policies or episodes of the protocol. *(entry)* came
+  from outside. A dash: not measured.
 """
 
 PROTOCOL_TEXTS = {
@@ -36,8 +36,8 @@ PROTOCOL_TEXTS = {
     "strict": "Settings `embodied` and `best`. First 500 test seeds, the best checkpoint of each training seed.",
 }
 
-PAPER_TEXT = """Score, mean over nine policies, and their least and most. Which λ the paper's guided column is of, it
-does not say; ours is the whole curve, from its lowest to its highest point."""
+PAPER_TEXT = """Score, mean over nine policies (* over fewer), and their least and most. Which λ the paper's guided
+column is of, it does not say; ours is the whole curve, from its lowest to its highest point."""
 
 MECHANISM_TEXT = """In percent, then the difference to direct transfer in points. *Farther first*: of episodes in which
 a block entered a target, those in which the first one entered the farther target. *Order changed*: another block or
@@ -181,7 +181,7 @@ def _range(row: pd.Series, name: str) -> str:
 
 
 def _mean_and_range(row: pd.Series) -> str:
-    return f"{100 * row.score:.1f} ({_range(row, 'score')})"
+    return f"{100 * row.score:.1f}{'' if row.complete else '*'} ({_range(row, 'score')})"
 
 
 def _published(figures: tuple[float, float, float] | None) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmark.command import SettingError, check_setting, run_command
-from benchmark.config import SETTINGS, SOURCE, TASK_ARMS, EnergyConfig, MapConfig, check_folder
+from benchmark.config import SETTINGS, SOURCE, TASK_ARMS, EnergyConfig, MapConfig, check_folder, check_targets
 from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ PATHS = {
 class PredictionConfig:
     """Correlates energy, MMD and infeasibility along the path with success of direct transfer, scene by scene."""
 
-    robots: list[str] = field(default_factory=lambda: [name for name in TASK_ARMS if name != SOURCE])
+    robots: list[str] = field(default_factory=lambda: list(TASK_ARMS[1:]))
     """Target arms, as in robots=[ur3,ur5]."""
     settings: list[str] = field(default_factory=lambda: list(SETTINGS))
     """Settings of the arms; those without stored episodes are left out."""
@@ -58,11 +58,11 @@ class PredictionConfig:
     energy: EnergyConfig = field(default_factory=EnergyConfig)
 
     def __post_init__(self) -> None:
-        for name in self.robots or [None]:
-            check_setting(name in TASK_ARMS and name != SOURCE, "robots", name, ", ".join(TASK_ARMS[1:]))
+        check_targets(self.robots)
         for name in self.settings or [None]:
             check_setting(name in SETTINGS, "settings", name, ", ".join(SETTINGS))
-        check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
+        for name, least in (("seed", 0), ("workers", 1)):
+            check_setting(getattr(self, name) >= least, name, getattr(self, name), f"a whole number >= {least}")
         check_folder(self.output_dir)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmark.command import check_setting, run_command
-from benchmark.config import SETTINGS, SOURCE, TASK_ARMS, EnergyConfig, MapConfig
+from benchmark.config import SETTINGS, SOURCE, TASK_ARMS, EnergyConfig, MapConfig, check_targets
 from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
@@ -21,13 +21,10 @@ if TYPE_CHECKING:
     from richmap.energy import EnergyField
     from richmap.similarity import SimilarityGrid
 
-TABLE = ((0.15, -0.5), (0.7, 0.5))
 BLOCKS = ((0.3, -0.35), (0.5, -0.05))
 """Where blocks start, lower and upper xy in [m] (`envs.scene`)."""
 TARGETS = {"green": (0.28, 0.2), "red": (0.52, 0.2)}
 """Middle of the places where a target is drawn, in [m]; either may be there."""
-TARGET_EDGE = 0.1
-"""Of the square in which a block's centre counts as placed, roughly, in [m]: the circle's diameter."""
 SLOPE_SPACING = 0.01
 """Of the points where the slope is drawn, in [m]."""
 
@@ -36,7 +33,7 @@ SLOPE_SPACING = 0.01
 class TopViewConfig:
     """Draws discrepancy (MMD) and slope of the energy over the table, for each target arm, as in the paper's figure."""
 
-    robots: list[str] = field(default_factory=lambda: [name for name in TASK_ARMS if name != SOURCE])
+    robots: list[str] = field(default_factory=lambda: list(TASK_ARMS[1:]))
     """Target arms, as in robots=[ur3,ur5]."""
     setting: str = "embodied"
     """Where the arms stand (see benchmark.run); what else the setting says does not change the fields."""
@@ -48,8 +45,7 @@ class TopViewConfig:
     energy: EnergyConfig = field(default_factory=EnergyConfig)
 
     def __post_init__(self) -> None:
-        for name in self.robots or [None]:
-            check_setting(name in TASK_ARMS and name != SOURCE, "robots", name, ", ".join(TASK_ARMS[1:]))
+        check_targets(self.robots)
         check_setting(self.setting in SETTINGS, "setting", self.setting, ", ".join(SETTINGS))
         check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
 
@@ -145,16 +141,18 @@ def _annotate(ax: "Axes", arm: "ArmSetting") -> None:
     from matplotlib.patches import Rectangle
 
     from envs.outcome import RECTANGLE_A, RECTANGLE_B
+    from envs.success import SUCCESS_RADIUS
+    from envs.workspace import WORKSPACE
 
     def rectangle(corners: tuple, label: str, **style: object) -> None:
         (x, y), (far, left) = corners
         ax.add_patch(Rectangle((x, y), far - x, left - y, fill=False, label=label, **style))
 
     ax.plot(*arm.base[:2], "o", color="black", label="base")
-    rectangle(TABLE, "table", edgecolor="white", linestyle="--", linewidth=1.6)
+    rectangle(WORKSPACE, "table", edgecolor="white", linestyle="--", linewidth=1.6)
     rectangle(BLOCKS, "blocks start", edgecolor="tab:orange", linestyle=":", linewidth=1.8)
     for colour, (x, y) in TARGETS.items():
-        half = TARGET_EDGE / 2
+        half = SUCCESS_RADIUS  # Of the circle; the square is drawn about it.
         rectangle(((x - half, y - half), (x + half, y + half)), f"target, {colour}", edgecolor=f"tab:{colour}")
     rectangle(RECTANGLE_A, "dangerous rectangle, axes turned", edgecolor="red", linestyle="--")
     rectangle(RECTANGLE_B, "dangerous rectangle, centred on the table", edgecolor="red", linestyle="-.")

@@ -5,10 +5,11 @@ import json
 import shutil
 
 import pytest
+from omegaconf import OmegaConf
 
-from benchmark.command import SettingError
+from benchmark.command import CONF, SettingError
 from benchmark.config import LeaderboardConfig
-from benchmark.leaderboard import PROTOCOLS, counted, leaderboard, main
+from benchmark.leaderboard import FIRST_TEST_SEED, PROTOCOLS, counted, leaderboard, main
 from benchmark.leaderboard_text import beside_the_paper
 from benchmark.oracle_scores import with_oracles
 from benchmark.statistics import holm, paired_p_value
@@ -155,3 +156,10 @@ def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(transf
     shutil.rmtree(tmp_path / "entries")
     main(config)
     assert "pull-back" not in (tmp_path / "LEADERBOARD.md").read_text()
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS, ids=lambda protocol: protocol.name)
+def test_what_is_run_by_a_protocol_is_what_counts(protocol):
+    run = OmegaConf.load(CONF / "protocol" / f"{protocol.name}.yaml")
+    assert run.episodes == protocol.episodes and run.seed_start == FIRST_TEST_SEED
+    assert run.setting in protocol.settings
