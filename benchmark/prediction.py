@@ -250,7 +250,7 @@ def _interval(statistic: "Callable[[np.ndarray], float]", n: int, seed: int) -> 
     if np.isnan(value):
         return {"r": np.nan, "low": np.nan, "high": np.nan}
     resampled = bootstrap(
-        (np.arange(n),), lambda chosen: statistic(chosen), n_resamples=RESAMPLES, vectorized=False,
+        (np.arange(n),), statistic, n_resamples=RESAMPLES, vectorized=False,
         confidence_level=LEVEL, method="percentile", rng=seed,
     ).bootstrap_distribution  # fmt: skip
     low, high = np.nanquantile(resampled, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
