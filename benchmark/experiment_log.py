@@ -160,8 +160,9 @@ def log_curves(config: WandbConfig, episodes: "pd.DataFrame", group: str) -> Non
     from benchmark.scores import SCORES
 
     alike = [*ARM, *SAMPLING, "code_version"]
-    protocol = Protocol("sweep", SETTINGS, episodes.episode_seed.nunique(), tuple(SCORES), best_only=False)
     by_hash = episodes.assign(checkpoint=episodes.checkpoint_hash)  # Two policies may go by one name.
+    seeds, policies = episodes.episode_seed.nunique(), by_hash.checkpoint.nunique()
+    protocol = Protocol("sweep", SETTINGS, seeds, policies, tuple(SCORES), best_only=False)
     points = leaderboard(by_hash, protocol)
     shown = [f"{score}{end}" for score in SCORES for end in ("", "_low", "_high", "_difference")]
     guided = points[points.method != "direct"]
