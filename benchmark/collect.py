@@ -32,12 +32,16 @@ class CollectConfig:
     """Share of episodes with Gaussian noise on the executed action now and then."""
     share_bursts: float = 0.4
     """Share of episodes with that noise, and bursts of a few steps in a wrong direction."""
-    share_wide: float = 0.3
+    share_wide: float = 0.15
     """Share of episodes like the last kind that also start from scenes all over the table."""
+    share_crowded: float = 0.15
+    """Share of episodes like the last kind but with a block in or at a target, and other things close by."""
     share_on_policy: float = 0.0
     """Share of episodes in which an earlier policy drives for 5 to 49 steps now and then."""
     burst_probability: float = 0.03
     """Chance per step that a burst begins, in the kinds that have bursts."""
+    detours: bool = True
+    """Whether the oracle's ways between pushes bend around blocks, but in clean episodes; its own are straight."""
     driver: str = ""
     """Checkpoint folder of the policy that drives; needed if share_on_policy is above 0."""
     output_dir: str = "demonstrations/robust"
@@ -50,7 +54,7 @@ class CollectConfig:
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         check_seeds(self.seed_start, self.episodes)
         check_folder(self.output_dir)
-        shares = ("share_noise", "share_bursts", "share_wide", "share_on_policy")
+        shares = ("share_noise", "share_bursts", "share_wide", "share_crowded", "share_on_policy")
         for name in (*shares, "burst_probability"):
             check_setting(0 <= getattr(self, name) <= 1, name, getattr(self, name), "a number from 0 to 1")
         total = sum(getattr(self, name) for name in shares)

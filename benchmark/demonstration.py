@@ -1,6 +1,6 @@
 """One demonstration of the scripted oracle on the source arm."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -11,11 +11,14 @@ from jaxtyping import Bool, Float
 
 import envs
 from benchmark.config import SOURCE
+from benchmark.detour import detour
 from benchmark.disturbance import Disturbance
 from benchmark.drive import Drive
 from envs.oracle import PLACED, PLANS, Oracle
-from envs.scene import START, Scene, draw_wide_scene
+from envs.scene import START, Scene, draw_crowded_scene, draw_wide_scene
 
+SCENES = {"wide": draw_wide_scene, "crowded": draw_crowded_scene}
+"""By kind, for those with scenes of their own."""
 ATTEMPTS = 20
 """Tries at a successful episode of one seed before giving up."""
 
@@ -26,7 +29,7 @@ class Demonstration:
 
     seed: int
     kind: str
-    """clean, noise, bursts, wide or on_policy: what was done to the executed actions and to the scene."""
+    """clean, noise, bursts, wide, crowded or on_policy: what was done to the executed actions and to the scene."""
     attempts: int
     """Episodes played until this one."""
     observations: Float[np.ndarray, "n 16"]
@@ -45,7 +48,12 @@ def source_env() -> gymnasium.Env:
 
 
 def demonstrate(
-    env: gymnasium.Env, seed: int, kind: str, burst_probability: float = 0.03, driver: Path | None = None
+    env: gymnasium.Env,
+    seed: int,
+    kind: str,
+    burst_probability: float = 0.03,
+    detours: bool = True,
+    driver: Path | None = None,
 ) -> Demonstration:
     """Plays the oracle with the kind's disturbances until an episode succeeds.
 
@@ -56,6 +64,7 @@ def demonstrate(
         seed: Of the scene and of the disturbances.
         kind: What is done to the executed actions and to the scene (`Demonstration.kind`).
         burst_probability: Chance per step of a burst, in the kinds that have some.
+        detours: Whether the oracle's straight ways bend around blocks, but in clean episodes.
         driver: Folder of the policy that drives now and then in the kind `on_policy`.
 
     Raises:
@@ -63,16 +72,23 @@ def demonstrate(
     """
     for attempt in range(1, ATTEMPTS + 1):
         rng = np.random.default_rng((seed, attempt))
-        scene = _wide_scene(rng) if kind == "wide" else None
+        scene = _unusual_scene(rng, SCENES[kind]) if kind in SCENES else None
         disturbance = Drive(driver, seed, rng) if kind == "on_policy" else Disturbance(kind, burst_probability, rng)
-        demonstration = _play(env, seed, kind, attempt, scene, disturbance)
+        bends = detours and kind != "clean"
+        demonstration = _play(env, seed, kind, attempt, scene, disturbance, bends)
         if demonstration.successes[-1] or kind == "clean":
             return demonstration
     raise RuntimeError(f"The oracle failed {ATTEMPTS} times with seed {seed} and kind {kind}.")
 
 
 def _play(
-    env: gymnasium.Env, seed: int, kind: str, attempt: int, scene: Scene | None, disturbance: Disturbance | Drive
+    env: gymnasium.Env,
+    seed: int,
+    kind: str,
+    attempt: int,
+    scene: Scene | None,
+    disturbance: Disturbance | Drive,
+    detours: bool,
 ) -> Demonstration:
     observation, info = env.reset(seed=seed, options=None if scene is None else {"scene": scene})
     oracle = Oracle(info["mode"])
@@ -81,6 +97,8 @@ def _play(
     over = False
     while not over:
         label = oracle(observation)
+        if detours:
+            label = around_blocks(oracle, label, observation)
         executed, restart = disturbance(label, observation)
         following, reward, terminated, truncated, info = env.step(executed.astype(np.float32))
         steps.append((observation, label, reward, info["is_success"]))
@@ -106,17 +124,36 @@ def _as_at_start(observation: Float[np.ndarray, "16"]) -> Float[np.ndarray, "16"
     return observation
 
 
-def _wide_scene(rng: np.random.Generator) -> Scene:
-    """A wide scene that is not solved already, with a plan that leaves a placed block alone."""
+def around_blocks(
+    oracle: Oracle, label: Float[np.ndarray, "2"], observation: Float[np.ndarray, "16"]
+) -> Float[np.ndarray, "2"]:
+    """The oracle's step, led around the blocks that it would run into: its own ways are straight and blind."""
+    blocks = observation[0:6].reshape(2, 3)[:, :2]
+    if oracle.phase == "pre_block":
+        blocks = np.delete(blocks, oracle.pair[0], axis=0)
+    elif oracle.phase not in ("return", "origin"):
+        return label
+    return detour(label, observation[8:10], oracle.goal, blocks)
+
+
+def _unusual_scene(rng: np.random.Generator, draw: Callable[[np.random.Generator], Scene]) -> Scene:
+    """A scene that is not solved already, with a plan that leaves a placed block alone.
+
+    Of two blocks that are placed in one target, the plan moves one.
+    """
     while True:
-        scene = draw_wide_scene(rng)
+        scene = draw(rng)
         placed = {
             (b, t)
             for b, block in enumerate((scene.block, scene.block2))
             for t, target in enumerate((scene.target, scene.target2))
             if np.linalg.norm(block[:2] - target[:2]) < PLACED
         }
-        modes = [mode for mode, (first, second) in enumerate(PLANS) if first not in placed and placed <= {second}]
+        modes = [
+            mode
+            for mode, (first, second) in enumerate(PLANS)
+            if first not in placed and placed <= {second, (first[0], second[1])} and placed != {(first[0], second[1])}
+        ]
         if modes:
             return replace(scene, mode=int(rng.choice(modes)))
 

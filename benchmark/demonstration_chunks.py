@@ -43,7 +43,8 @@ def _simulate_chunk(config: "CollectConfig", seeds: range, chunks: Path) -> None
     """Worker: one chunk of episodes, stored in one atomic step."""
     env = source_env()
     driver = Path(config.driver) if config.driver else None
-    episodes = [demonstrate(env, seed, _kind(config, seed), config.burst_probability, driver) for seed in seeds]
+    how = (config.burst_probability, config.detours, driver)
+    episodes = [demonstrate(env, seed, _kind(config, seed), *how) for seed in seeds]
     path = _chunk_path(chunks, seeds)
     partial = path.with_suffix(f".{os.getpid()}.tmp")
     with open(partial, "wb") as file:
@@ -58,6 +59,7 @@ def _kind(config: "CollectConfig", seed: int) -> str:
         "noise": config.share_noise,
         "bursts": config.share_bursts,
         "wide": config.share_wide,
+        "crowded": config.share_crowded,
         "on_policy": config.share_on_policy,
     }
     for kind, share in shares.items():

@@ -19,7 +19,7 @@ class Disturbance:
     """Turns the oracle's action into the one that is executed.
 
     Args:
-        kind: "clean" executes the label; "noise" adds Gaussian noise to some steps; "bursts" and "wide" also
+        kind: "clean" executes the label; "noise" adds Gaussian noise to some steps; "bursts", "wide" and "crowded" also
             push a few steps in one wrong direction, with the label added in part.
         burst_probability: Chance per step that a burst begins.
         rng: Source of all randomness.
@@ -27,7 +27,7 @@ class Disturbance:
 
     def __init__(self, kind: str, burst_probability: float, rng: np.random.Generator) -> None:
         self._noisy = kind != "clean"
-        self._bursting = kind in ("bursts", "wide")
+        self._bursting = kind in ("bursts", "wide", "crowded")
         self._burst_probability = burst_probability
         self._rng = rng
         self._steps_left = 0

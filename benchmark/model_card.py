@@ -10,8 +10,9 @@ A guided diffusion policy (LeRobot policy type `guided_push`) for pushing two bl
 {robot}, from states. The weights are the exponential moving average over training.
 
 - Demonstrations: {episodes} episodes of the scripted oracle, {frames} frames: {kinds}.
-  Labels are always the oracle's actions. In all kinds but `clean` another action is executed now and then,
-  and `wide` starts from scenes all over the table: those are not the task's published demonstrations.
+  Labels are always the oracle's actions. In all kinds but `clean` another action is executed now and then, and the
+  oracle's ways between pushes bend around blocks (setting `detours`); `wide` starts from scenes all over the table,
+  `crowded` from ones with a block at a target: those are not the task's published demonstrations.
 - Augmentation: {augmentation}.
 - Training: {step} of {steps} steps of {batch_size} observations, seed {seed}, {precision} products on {device}.
 - Action unit: 1 in the network is {action_unit} m; actions lie between -1 and 1 (minimum -{action_unit} m,

@@ -14,6 +14,8 @@ MIN_BLOCK_DISTANCE = 0.1
 """The blocks start farther apart than this, in [m]. The original compares x alone, and so does this."""
 TARGET_OFFSET = 0.12
 """One target lies this much nearer than x = 0.4 m, the other this much farther, in [m]."""
+BLOCK_DIAGONAL = 0.057
+"""Blocks farther apart than this cannot overlap, in [m]."""
 ATTEMPTS = 1000
 """Draws of the second block before both are drawn again."""
 
@@ -66,6 +68,28 @@ def draw_wide_scene(rng: np.random.Generator) -> Scene:
         points = np.vstack([effector, blocks[:, :2]])
         distances = np.linalg.norm(points[:, None] - points, axis=-1)[np.triu_indices(3, 1)]
         if distances.min() > 0.065:
+            return Scene(blocks[0], blocks[1], usual.target, usual.target2, usual.mode, effector)
+
+
+def draw_crowded_scene(rng: np.random.Generator) -> Scene:
+    """A scene for training data in which a block is in a target, at its edge or beside it, and things are close.
+
+    In half of them the other block is beside the first one, else anywhere on the table as in a wide scene; in half of
+    them the effector is beside a block, else anywhere in the workspace. Targets as usual.
+    """
+    usual = draw_scene(int(rng.integers(2**31)))
+    while True:
+        target = (usual.target, usual.target2)[rng.integers(2)]
+        blocks = rng.uniform((0.2, -0.43, 0), (0.6, 0.28, math.pi), (2, 3))
+        first = rng.integers(2)
+        blocks[first, :2] = target[:2] + _draw_in_disc(rng, 0.09)
+        if rng.random() < 0.5:
+            blocks[1 - first, :2] = blocks[first, :2] + _draw_in_disc(rng, 0.1)
+        effector = rng.uniform(*WORKSPACE)
+        if rng.random() < 0.5:
+            effector = blocks[rng.integers(2), :2] + _draw_in_disc(rng, 0.12)
+        apart = np.linalg.norm(blocks[0, :2] - blocks[1, :2]) > BLOCK_DIAGONAL
+        if apart and np.linalg.norm(blocks[:, :2] - effector, axis=1).min() > 0.04:
             return Scene(blocks[0], blocks[1], usual.target, usual.target2, usual.mode, effector)
 
 

@@ -1,6 +1,7 @@
 """Demonstrations: what is in them, and that collecting can be killed and repeated."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,17 +9,19 @@ from lerobot.datasets import LeRobotDataset
 
 from benchmark.collect import CollectConfig, collect
 from benchmark.command import SettingError
-from benchmark.demonstration import Demonstration, demonstrate, pack, source_env, unpack
+from benchmark.demonstration import Demonstration, around_blocks, demonstrate, pack, source_env, unpack
 from benchmark.run import checkpoint_folder
+from envs.oracle import Oracle
+from envs.scene import START, Scene
 
-KINDS = ("clean", "noise", "bursts", "wide")
+KINDS = ("clean", "noise", "bursts", "wide", "crowded")
 
 
 @pytest.fixture(scope="module")
 def config(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demonstrations") / "few"
     return CollectConfig(
-        episodes=2, share_noise=0.5, share_bursts=0.0, share_wide=0.5, workers=1, output_dir=str(folder)
+        episodes=2, share_noise=0.5, share_bursts=0.0, share_wide=0.5, share_crowded=0.0, workers=1, output_dir=str(folder)
     )
 
 
@@ -78,6 +81,26 @@ def test_without_bursts_only_noise_is_left():
     driven = demonstrate(env, 3, "bursts", burst_probability=0.0)
     wrong = np.diff(driven.observations[:, 8:10], axis=0) - driven.actions[:-1]
     assert 0.1 < (np.abs(wrong).max(axis=1) > 1e-5).mean() < 0.3
+
+
+def test_the_demonstrator_walks_around_blocks_and_in_clean_episodes_straight_on():
+    start, far = np.array(START), np.array([0.52, 0.2, 0.0])
+    scene = Scene(np.array([0.29, -0.1, 0.0]), np.array([0.29, 0.05, 0.0]), np.array([0.28, 0.2, 0.0]), far, 3, start)
+    behind = {"scene": replace(scene, effector=np.array([0.29, 0.12]))}
+
+    def dragged(detours):
+        observation, _ = source_env().reset(seed=0, options=behind)
+        oracle = Oracle(3)
+        oracle(observation)
+        oracle.phase, oracle._origin = "origin", start
+        for _ in range(20):
+            label = oracle(observation)
+            step = around_blocks(oracle, label, observation) if detours else label
+            observation, *_ = source_env().step(step.astype(np.float32))
+        return np.linalg.norm(observation[:2] - scene.block[:2]) + np.linalg.norm(observation[3:5] - scene.block2[:2])
+
+    assert dragged(detours=False) > 0.05
+    assert dragged(detours=True) < 0.005
 
 
 def test_a_driver_goes_with_its_share():

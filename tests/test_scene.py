@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from envs.scene import MIN_BLOCK_DISTANCE, draw_scene, draw_wide_scene
+from envs.scene import BLOCK_DIAGONAL, MIN_BLOCK_DISTANCE, draw_crowded_scene, draw_scene, draw_wide_scene
 from envs.workspace import WORKSPACE
 
 # From the original environment; by seed: x, y, yaw of block, block2, target, target2, then the oracle's mode.
@@ -51,3 +51,16 @@ def test_wide_scenes_reach_farther_and_overlap_nowhere():
     assert gaps.min() > 0.065
     assert (points[:, 0] > WORKSPACE[0]).all() and (points[:, 0] < WORKSPACE[1]).all()
     assert (np.ptp(points[:, 0], axis=0) > 0.95 * np.ptp(WORKSPACE, axis=0)).all()
+
+
+def test_crowded_scenes_have_a_block_at_a_target_and_overlap_nowhere():
+    rng = np.random.default_rng(0)
+    scenes = [draw_crowded_scene(rng) for _ in range(300)]
+    blocks = np.array([[s.block[:2], s.block2[:2]] for s in scenes])
+    targets = np.array([[s.target[:2], s.target2[:2]] for s in scenes])
+    effectors = np.array([s.effector for s in scenes])
+    to_target = np.linalg.norm(blocks[:, :, None] - targets[:, None], axis=-1).reshape(300, 4).min(1)
+    apart = np.linalg.norm(blocks[:, 0] - blocks[:, 1], axis=-1)
+    assert to_target.max() <= 0.09 and (to_target < 0.03).sum() > 20 and (to_target > 0.05).sum() > 100
+    assert apart.min() > BLOCK_DIAGONAL and (apart < 0.1).mean() > 0.3 and (apart > 0.2).mean() > 0.2
+    assert np.linalg.norm(blocks - effectors[:, None], axis=-1).min() > 0.04
