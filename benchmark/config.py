@@ -194,13 +194,14 @@ class RunConfig:
     arm, setting and method on validation episodes. paper, shuffled, flipped: how much of the energy's slope in 1/m is
     added to the predicted noise in normalised action units (the paper's lambda). away, towards: the push in those
     units; ring, feasibility: the same at the border. projection: how far inside, in m. best_of_n: number of samples, a
-    whole number. chunk: descent of the normalised actions per unit of slope."""
+    whole number. chunk: descent of the normalised actions per unit of slope. reorder: how far inside a push must keep
+    the tool to be made first, in m."""
     method: str = "paper"
     """Guidance: paper (against the slope of the energy of similarity), shuffled (that slope turned at random in each
     cell), flipped (along it), away and towards (constant, from the base or to it), ring (back between two distances
     from the base), feasibility (from the border of what the arm can hold), projection (commands moved inside that
     border), best_of_n_energy and best_of_n_feasibility (the best of lambda samples), chunk and chunk_feasibility (down
-    the slope along the whole chunk), or direct (none)."""
+    the slope along the whole chunk), reorder (what the arm cannot push is left for later), or direct (none)."""
     episodes: int = 50
     """Number of episodes per lambda; a whole number >= 1."""
     seed: int = 42

@@ -32,6 +32,7 @@ FIRST = {
     "best_of_n_feasibility": 2.0,
     "chunk": 1.0,
     "chunk_feasibility": 0.25,
+    "reorder": 0.0025,
 }
 """Each method's smallest scale, which hardly matters; what it is says `policies.methods.METHODS`."""
 

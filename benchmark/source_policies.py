@@ -30,9 +30,7 @@ class Recipe:
     """Fields of `GuidedPushConfig` that differ from its defaults."""
 
 
-CLEAN = CollectConfig(
-    share_noise=0, share_bursts=0, share_wide=0, share_crowded=0, output_dir="demonstrations/clean"
-)
+CLEAN = CollectConfig(share_noise=0, share_bursts=0, share_wide=0, share_crowded=0, output_dir="demonstrations/clean")
 
 RECIPES = {
     "robust": Recipe(CollectConfig()),

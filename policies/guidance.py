@@ -7,6 +7,7 @@ from torch import Tensor
 
 from policies.fields import Field, Infeasibility, Ring, Towards, Turned
 from policies.methods import METHODS
+from policies.push_reach import PLACED, overreach
 from richmap.energy import EnergyField
 
 FLANGE_HEIGHT = 0.06
@@ -23,6 +24,10 @@ class Guidance:
     """Chunks sampled for each observation."""
     looks_ahead = False
     """Whether `descent` is asked at every denoising step."""
+
+    def imagine(self, environment: Float[Tensor, "b t 12"], effector: Float[Tensor, "b 4"]) -> Float[Tensor, "b t 12"]:
+        """The scenes that the policy is shown, in the layout of `policies.features`; as it stands the real ones."""
+        return environment
 
     def push(self, effector: Float[Tensor, "b 4"]) -> Float[Tensor, "b 2"] | None:
         """Added to the predicted noise of all steps and actions, in normalised action units. Asked once a chunk."""
@@ -125,6 +130,37 @@ class Projection(Guidance):
         return points
 
 
+class Reorder(Guidance):
+    """Leaves for later what the arm cannot push: the policy is shown that block as if it were in its target already.
+
+    Of the two ways to give each block a target, the one whose straight pushes lead the pusher less far beyond what the
+    arm can hold; of its two pushes the one that does so less, or, of equals, that of the block nearer to the effector.
+    Scenes in which all pushes can be made, or in which a block is placed, are shown as they are.
+
+    Args:
+        distance: Signed distance to the border, in [m], as `policies.feasibility.distance_field` makes it.
+        margin: How far inside of the border the pusher is to stay, in [m].
+    """
+
+    def __init__(self, distance: EnergyField, margin: float) -> None:
+        self.distance, self.margin = distance, margin
+
+    def imagine(self, environment: Float[Tensor, "b t 12"], effector: Float[Tensor, "b 4"]) -> Float[Tensor, "b t 12"]:
+        objects = environment[:, -1].unflatten(1, (4, 3))[..., :2].double().cpu().numpy()
+        blocks, targets = objects[:, :2], objects[:, 2:]
+        cost = overreach(self.distance, blocks, targets, self.margin, FLANGE_HEIGHT)  # (b, block, target)
+        placed = np.linalg.norm(blocks[:, :, None] - targets[:, None], axis=-1).min((1, 2)) < PLACED
+        far = np.linalg.norm(blocks - effector[:, None, :2].double().cpu().numpy(), axis=-1)
+        shown = environment.clone()
+        for row in np.flatnonzero(~placed & (cost > 0).any((1, 2))):
+            crossed = int(np.trace(cost[row]) > np.trace(cost[row, ::-1]))
+            pairs = [(block, block ^ crossed) for block in (0, 1)]
+            _, _, later = max((cost[row][pair], far[row, pair[0]], pair) for pair in pairs)
+            block, target = later
+            shown[row, :, 3 * block : 3 * block + 2] = environment[row, :, 6 + 3 * target : 8 + 3 * target]
+        return shown
+
+
 def make_guidance(
     method: str, scale: float, field: EnergyField | None, base: tuple[float, float], seed: int
 ) -> Guidance:
@@ -168,6 +204,8 @@ def make_guidance(
             return Descent(field, scale)
         case "chunk_feasibility":
             return Descent(Infeasibility(field), scale)
+        case "reorder":
+            return Reorder(field, scale)
     raise AssertionError(method)
 
 

@@ -58,6 +58,7 @@ class GuidedDiffusion(DiffusionModel):
         """Sampled actions from the current step on, in [m]; `noise` holds that of all samples, one after another."""
         guidance = guidance or Guidance()
         effector, samples = batch[OBS_STATE][:, -1], guidance.samples
+        batch = {**batch, OBS_ENV_STATE: guidance.imagine(batch[OBS_ENV_STATE], effector)}
         condition = self._prepare_global_conditioning(batch).repeat_interleave(samples, dim=0)
         if noise is not None and samples > 1:
             noise = noise.unflatten(1, (samples, -1)).flatten(0, 1)

@@ -35,5 +35,6 @@ METHODS = {
     "best_of_n_feasibility": Method("feasibility", _SAMPLES, counts=True),
     "chunk": Method("energy", _DESCENT),
     "chunk_feasibility": Method("feasibility", _DESCENT),
+    "reorder": Method("feasibility", "how far inside the border a push must keep the tool, in [m], to be made first"),
 }
 """In the order in which they are told apart; a scale of 0 is `direct`, whatever the method."""

@@ -21,7 +21,13 @@ KINDS = ("clean", "noise", "bursts", "wide", "crowded")
 def config(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demonstrations") / "few"
     return CollectConfig(
-        episodes=2, share_noise=0.5, share_bursts=0.0, share_wide=0.5, share_crowded=0.0, workers=1, output_dir=str(folder)
+        episodes=2,
+        share_noise=0.5,
+        share_bursts=0.0,
+        share_wide=0.5,
+        share_crowded=0.0,
+        workers=1,
+        output_dir=str(folder),
     )
 
 

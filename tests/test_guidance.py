@@ -1,18 +1,23 @@
 """What each method does to the sampling; its defining fact."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
 
 from policies.feasibility import distance_field, feasible_ring
 from policies.fields import MARGIN, Infeasibility, Ring, Towards, Turned
-from policies.guidance import BestOf, Descent, Guidance, Projection, Push, make_guidance
+from policies.guidance import BestOf, Descent, Guidance, Projection, Push, Reorder, make_guidance
 from policies.methods import METHODS
+from policies.modeling_guided_push import GuidedPushPolicy
+from policies.push_reach import overreach
 from richmap.energy import EnergyField
 from richmap.grid import Grid
 
 INNER, OUTER = 0.2, 0.55
 BASE = (0.05, 0.0)
+CHECKPOINT = Path(__file__).parents[1] / "results" / "checkpoints" / "seed42-1"
 
 
 def field_of(energy) -> EnergyField:
@@ -241,3 +246,61 @@ def test_what_a_method_cannot_work_with_is_refused(slope):
         method("projection", 1.0, slope)
     with pytest.raises(ValueError, match="number of samples, 1 or more. Got 2.5"):
         method("best_of_n_energy", 2.5, slope)
+
+
+def scene(block, block2, target=(0.28, 0.2), target2=(0.52, 0.2)):
+    """Environment states of one row and three steps: blocks with their yaw, then targets."""
+    objects = [(*block, 0.3), (*block2, 0.7), (*target, 3.1), (*target2, 3.1)]
+    return torch.tensor(objects).flatten().expand(1, 3, 12).clone()
+
+
+def test_overreach_is_how_far_the_pusher_gets_beyond_the_border(distance):
+    """For a reach that is a disc: the pusher's distance from the base, farthest at one end of its straight way."""
+    rng = np.random.default_rng(0)
+    blocks, targets = rng.uniform((0.3, -0.35), (0.6, 0.25), (2, 50, 2, 2))
+    way = targets[:, None] - blocks[:, :, None]
+    length = np.linalg.norm(way, axis=-1, keepdims=True)
+    ends = [blocks[:, :, None] - 0.05 * way / length, blocks[:, :, None] + (length - 0.07) * way / length]
+    farthest = np.max([np.linalg.norm(end - BASE, axis=-1) for end in ends], axis=0)
+    pushed = length[..., 0] > 0.1  # A shorter push may end before the approach to it.
+    found = overreach(distance, blocks, targets, 0.01, 0.06)
+    expected = np.maximum(0, farthest - OUTER + 0.01)
+    assert np.abs(found - expected)[pushed].max() < 0.01  # Half a cell of the field.
+    assert (found == 0).any() and (found > 0.1).any()
+
+
+def test_what_the_arm_cannot_push_is_shown_as_placed(distance):
+    near, far = (0.35, -0.2), (0.58, -0.3)  # The far one would be pushed from beyond the reach.
+    effector = torch.tensor([[0.3, -0.4, 0.3, -0.4]])
+    for blocks, hidden in (((near, far), 1), ((far, near), 0)):
+        real = scene(*blocks)
+        shown = Reorder(distance, 0.0).imagine(real, effector)
+        changed = (shown != real).all(1)[0].nonzero().flatten().tolist()
+        assert changed == [3 * hidden, 3 * hidden + 1]
+        place = shown[0, 0, 3 * hidden : 3 * hidden + 2]
+        assert any(torch.equal(place, real[0, 0, t : t + 2]) for t in (6, 9))
+
+
+def test_scenes_that_the_arm_can_do_or_that_are_begun_are_shown_as_they_are(distance):
+    effector = torch.tensor([[0.3, -0.4, 0.3, -0.4]]).expand(3, 4)
+    easy = scene((0.35, -0.2), (0.42, -0.05), target2=(0.4, 0.2))
+    begun = scene((0.28, 0.19), (0.58, -0.3))
+    hard = scene((0.35, -0.2), (0.58, -0.3))
+    shown = Reorder(distance, 0.0).imagine(torch.cat([easy, begun, hard]), effector)
+    assert torch.equal(shown[:2], torch.cat([easy, begun])) and not torch.equal(shown[2:], hard)
+
+
+def test_the_shown_scene_is_what_the_policy_acts_on(distance):
+    """Guided by `reorder`, it does to the real scene what it does unguided to the one it is shown."""
+    policy = GuidedPushPolicy.from_pretrained(CHECKPOINT).eval()
+    real, state = scene((0.35, -0.2), (0.58, -0.3)), torch.tensor([0.3, -0.4, 0.3, -0.4]).expand(1, 3, 4)
+    noise = torch.randn(1, *policy.noise_shape, generator=torch.Generator().manual_seed(0))
+    guidance = Reorder(distance, 0.0)
+    shown = guidance.imagine(real, state[:, -1])
+
+    def act(environment, guidance):
+        batch = {"observation.state": state, "observation.environment_state": environment}
+        return policy.diffusion.generate_actions(batch, noise=noise, guidance=guidance)
+
+    assert torch.equal(act(real, guidance), act(shown, None))
+    assert not torch.equal(act(real, guidance), act(real, None))
