@@ -56,15 +56,15 @@ VARIANTS = {
     "absolute": Variant("positions on the table alone, no offsets from the tool", policy={"features": "absolute"}),
     "relative": Variant("without the oracle's own geometry in the inputs", policy={"features": "relative"}),
     "no_bursts": Variant("no bursts", _data("no_bursts", burst_probability=0.0)),
-    "no_wide": Variant("no scenes all over the table", _data("no_wide", share_wide=0.0, share_bursts=0.55)),
-    "no_crowded": Variant("no scenes with things close", _data("no_crowded", share_crowded=0.0, share_bursts=0.55)),
+    "no_wide": Variant("no scenes all over the table", _data("no_wide", share_wide=0.0, share_bursts=0.6)),
+    "no_crowded": Variant("no scenes with things close", _data("no_crowded", share_crowded=0.0, share_bursts=0.45)),
     "usual_scenes": Variant(
         "neither of the two", _data("usual_scenes", share_wide=0.0, share_crowded=0.0, share_bursts=0.7)
     ),
     "no_detours": Variant("the oracle's straight ways, also through blocks", _data("no_detours", detours=False)),
     "on_policy": Variant(
         "an earlier policy drives in 15 % of the episodes, in place of bursts",
-        _data("on_policy", share_bursts=0.25, share_on_policy=0.15, driver=str(CHECKPOINTS[0] / "seed42-1")),
+        _data("on_policy", share_bursts=0.2, share_on_policy=0.15, driver=str(CHECKPOINTS[0] / "seed42-1")),
     ),
     "clean": Variant("undisturbed demonstrations alone", CLEAN),
     "clean_displaced": Variant("the same, and the effector displaced in training", CLEAN, {"displacement": 0.005}),

@@ -30,11 +30,11 @@ class CollectConfig:
     """Seed of the first episode's scene; seeds 0 to 999 are for demonstrations."""
     share_noise: float = 0.2
     """Share of episodes with Gaussian noise on the executed action now and then."""
-    share_bursts: float = 0.4
+    share_bursts: float = 0.35
     """Share of episodes with that noise, and bursts of a few steps in a wrong direction."""
-    share_wide: float = 0.15
+    share_wide: float = 0.25
     """Share of episodes like the last kind that also start from scenes all over the table."""
-    share_crowded: float = 0.15
+    share_crowded: float = 0.1
     """Share of episodes like the last kind but with a block in or at a target, and other things close by."""
     share_on_policy: float = 0.0
     """Share of episodes in which an earlier policy drives for 5 to 49 steps now and then."""

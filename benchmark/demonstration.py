@@ -128,12 +128,9 @@ def around_blocks(
     oracle: Oracle, label: Float[np.ndarray, "2"], observation: Float[np.ndarray, "16"]
 ) -> Float[np.ndarray, "2"]:
     """The oracle's step, led around the blocks that it would run into: its own ways are straight and blind."""
-    blocks = observation[0:6].reshape(2, 3)[:, :2]
-    if oracle.phase == "pre_block":
-        blocks = np.delete(blocks, oracle.pair[0], axis=0)
-    elif oracle.phase not in ("return", "origin"):
+    if oracle.phase not in ("pre_block", "return", "origin"):
         return label
-    return detour(label, observation[8:10], oracle.goal, blocks)
+    return detour(label, observation[8:10], oracle.goal, observation[0:6].reshape(2, 3)[:, :2])
 
 
 def _unusual_scene(rng: np.random.Generator, draw: Callable[[np.random.Generator], Scene]) -> Scene:

@@ -19,8 +19,8 @@ def detour(
 ) -> Float[np.ndarray, "2"]:
     """The step turned aside, the more the nearer the block, so as to pass it; all in [m].
 
-    It stays as it is where it leads past the blocks or away from them, or to a goal at a block. It depends on what is
-    seen now alone, so that a policy can learn it.
+    It stays as it is where it leads past the blocks or away from them, or to a goal at a block; closer to one than is
+    kept it leads outwards, too. It depends on what is seen now alone, so that a policy can learn it.
     """
     length = np.linalg.norm(step)
     if length == 0:
@@ -36,6 +36,7 @@ def detour(
         if distance > LOOK or passes or np.linalg.norm(goal - block) < KEEP_OFF:
             continue
         weight = min(1.0, (LOOK - distance) / (LOOK - KEEP_OFF))
-        heading = (1 - weight) * heading + weight * np.copysign(1.0, across) * aside
+        outward = max(0.0, 1 - distance / KEEP_OFF)
+        heading = (1 - weight) * heading + weight * np.copysign(1.0, across) * aside + 2 * outward * radial
         heading /= np.linalg.norm(heading)
     return length * heading
