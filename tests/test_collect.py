@@ -109,6 +109,23 @@ def test_the_demonstrator_walks_around_blocks_and_in_clean_episodes_straight_on(
     assert dragged(detours=True) < 0.005
 
 
+def test_the_demonstrator_walks_around_the_block_that_it_is_about_to_push():
+    """From in front of it to behind it: the oracle's straight way would push it backwards."""
+    block, target = np.array([0.4, -0.1, 0.0]), np.array([0.4, 0.2, 0.0])
+    aside, far = np.array([0.55, -0.3, 0.0]), np.array([0.52, 0.2, 0.0])
+    observation, _ = source_env().reset(
+        seed=0, options={"scene": Scene(block, aside, target, far, 0, np.array([0.4, 0.0]))}
+    )
+    oracle = Oracle(0)
+    for _ in range(30):
+        label = around_blocks(oracle, oracle(observation), observation)
+        if oracle.phase != "pre_block":
+            break
+        observation, *_ = source_env().step(label.astype(np.float32))
+    assert oracle.phase == "block"
+    assert np.linalg.norm(observation[:2] - block[:2]) < 0.002
+
+
 def test_a_driver_goes_with_its_share():
     with pytest.raises(SettingError, match="driver= is not allowed"):
         CollectConfig(share_on_policy=0.1)
