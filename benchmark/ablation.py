@@ -54,7 +54,7 @@ def _data(name: str, **changes: Any) -> CollectConfig:
 VARIANTS = {
     "default": Variant("the recipe of the source policies"),
     "absolute": Variant("positions on the table alone, no offsets from the tool", policy={"features": "absolute"}),
-    "relative": Variant("without the oracle's own geometry in the inputs", policy={"features": "relative"}),
+    "pair": Variant("the oracle's own geometry in the inputs", policy={"features": "pair"}),
     "no_bursts": Variant("no bursts", _data("no_bursts", burst_probability=0.0)),
     "no_wide": Variant("no scenes all over the table", _data("no_wide", share_wide=0.0, share_bursts=0.6)),
     "no_crowded": Variant("no scenes with things close", _data("no_crowded", share_crowded=0.0, share_bursts=0.45)),

@@ -34,11 +34,11 @@ CLEAN = CollectConfig(share_noise=0, share_bursts=0, share_wide=0, share_crowded
 
 RECIPES = {
     "robust": Recipe(CollectConfig()),
-    "relative": Recipe(CollectConfig(), {"features": "relative"}),
+    "pair": Recipe(CollectConfig(), {"features": "pair"}),
     "clean": Recipe(CLEAN, {"displacement": 0.005}),
 }
-"""From mostly disturbed episodes, the same without the oracle's own geometry in the inputs, or from undisturbed
-episodes alone, like the published data."""
+"""From mostly disturbed episodes, the same with the oracle's own geometry in the inputs, or from undisturbed episodes
+alone, like the published data."""
 
 
 @dataclass
@@ -46,8 +46,8 @@ class SourcePoliciesConfig:
     """Trains policies from several seeds and keeps the best checkpoints of each, by their validation episodes."""
 
     recipe: str = "robust"
-    """What they learn from and see: robust (episodes with noise and bursts, scenes all over the table; inputs with the
-    oracle's own geometry), relative (the same without that geometry) or clean (undisturbed episodes alone)."""
+    """What they learn from and see: robust (episodes with noise and bursts, scenes all over the table), pair (the same,
+    and the oracle's own geometry in the inputs) or clean (undisturbed episodes alone)."""
     seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
     """Training seeds, whole numbers >= 0."""
     steps: int = 9000

@@ -35,7 +35,7 @@ class GuidedPushConfig(DiffusionConfig):
     action_unit: float = 0.03
     """Action that the denoiser calls 1, in [m]; the oracle's largest step. Actions are clipped to ±1 unit."""
 
-    features: str = "pair"
+    features: str = "relative"
     """What the denoiser sees (`policies.features.KINDS`): absolute, relative, or pair, which adds the oracle's own
     geometry."""
     trunk_width: int = 336
