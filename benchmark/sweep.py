@@ -35,7 +35,7 @@ from benchmark.run import chosen_checkpoint, make_rollout, run_and_store, with_s
 if TYPE_CHECKING:
     from benchmark.rollout import Rollout
 
-LOOK_EVERY = 5.0
+LOOK_EVERY = 20.0
 """How often the tables are counted, in [s]."""
 SAY_EVERY = 60.0
 """How often a line is printed where there is no terminal to draw a bar in, in [s]."""
