@@ -19,7 +19,8 @@ from benchmark.config import SOURCE, BuildMapsConfig, EnergyConfig, MapConfig
 if TYPE_CHECKING:
     from richmap.construction import BuildProgress
     from richmap.energy import EnergyField
-    from richmap.reachability_map import ReachabilityMap
+    from richmap.grid import Grid
+    from richmap.reachability_map import Construction, ReachabilityMap
     from richmap.robot import RobotDescription
 
 
@@ -31,24 +32,8 @@ def robot_map(
     console: Console,
 ) -> "ReachabilityMap":
     """The map of a robot with its base at a point of the world, in [m], built if it is not in the cache."""
-    import platformdirs
-
-    from benchmark.cache import cached, fingerprint
-    from richmap import (
-        bounding_spheres,
-        collision,
-        construction,
-        direction_index,
-        directions,
-        grid,
-        insertion,
-        kinematics,
-        reachability_map,
-        robot,
-        sampling,
-        shape,
-        torch_twin,
-    )
+    from benchmark.cache import cached
+    from richmap import construction, grid, reachability_map
 
     if config.device == "cuda":
         import torch
@@ -58,16 +43,7 @@ def robot_map(
     cells = grid.Grid.around_base(config.cell_size, config.half_width, config.z_offset).moved(np.array(base))
     settings = config.theta, config.seed, config.draw, config.turns, config.stop_rate, config.target, config.device
     asked = reachability_map.Construction(name, description.fingerprint, *settings)
-    code = [
-        bounding_spheres, collision, construction, direction_index, directions, grid, insertion, kinematics,
-        reachability_map, robot, sampling, shape, torch_twin,
-    ]  # fmt: skip
-    inputs = {"grid": asdict(cells), "construction": asdict(asked)}
-    key = fingerprint(inputs, code)
-    for ending in ("stop_rate", "target"):  # A build may go on from where one with another end stopped.
-        del inputs["construction"][ending]
-    folder = Path(platformdirs.user_cache_dir("richmap"), "builds", f"{name}-{fingerprint(inputs, code)[:16]}")
-
+    key, folder = _key_and_folder(cells, asked)
     lock, made = FileLock(f"{folder}.lock"), []
 
     def build() -> reachability_map.ReachabilityMap:
@@ -93,6 +69,39 @@ def robot_map(
         soft_wrap=True,
     )
     return built
+
+
+def _key_and_folder(cells: "Grid", asked: "Construction") -> tuple[str, Path]:
+    """Fingerprint of a map, and the folder of its build, which goes on from where one with another end stopped."""
+    import platformdirs
+
+    from benchmark.cache import fingerprint
+    from richmap import (
+        bounding_spheres,
+        collision,
+        construction,
+        direction_index,
+        directions,
+        grid,
+        insertion,
+        kinematics,
+        reachability_map,
+        robot,
+        sampling,
+        shape,
+        torch_twin,
+    )
+
+    code = [
+        bounding_spheres, collision, construction, direction_index, directions, grid, insertion, kinematics,
+        reachability_map, robot, sampling, shape, torch_twin,
+    ]  # fmt: skip
+    inputs = {"grid": asdict(cells), "construction": asdict(asked)}
+    key = fingerprint(inputs, code)
+    for ending in ("stop_rate", "target"):
+        del inputs["construction"][ending]
+    folder = f"{asked.robot}-{fingerprint(inputs, code)[:16]}"
+    return key, Path(platformdirs.user_cache_dir("richmap"), "builds", folder)
 
 
 def build_seconds(built: "ReachabilityMap") -> float:

@@ -74,8 +74,7 @@ def demonstrate(
         rng = np.random.default_rng((seed, attempt))
         scene = _unusual_scene(rng, SCENES[kind]) if kind in SCENES else None
         disturbance = Drive(driver, seed, rng) if kind == "on_policy" else Disturbance(kind, burst_probability, rng)
-        bends = detours and kind != "clean"
-        demonstration = _play(env, seed, kind, attempt, scene, disturbance, bends)
+        demonstration = _play(env, seed, kind, attempt, scene, disturbance, detours)
         if demonstration.successes[-1] or kind == "clean":
             return demonstration
     raise RuntimeError(f"The oracle failed {ATTEMPTS} times with seed {seed} and kind {kind}.")
@@ -97,7 +96,7 @@ def _play(
     over = False
     while not over:
         label = oracle(observation)
-        if detours:
+        if detours and kind != "clean":
             label = around_blocks(oracle, label, observation)
         executed, restart = disturbance(label, observation)
         following, reward, terminated, truncated, info = env.step(executed.astype(np.float32))
