@@ -173,11 +173,9 @@ def make_test_set(
         missing = round(n * share)
         replaced = "reachable" in shares and kind != "reachable"
         while missing > 0:
-            part = _labelled_candidates(robot, kind, rng, 2 * missing + 100 if replaced else missing)
+            part = _labelled_candidates(robot, kind, rng, missing)
             if replaced:
-                kept = np.flatnonzero(~part.strict)[:missing]
-                used = kept[-1] + 1 if len(kept) == missing else len(part)
-                part = replace(part.at(kept), drawn={kind: int(used)})
+                part = part.at(np.flatnonzero(~part.strict))
             parts.append(part)
             missing -= len(part)
     return LabelledPoses.joined(parts).at(rng.permutation(n))
@@ -218,14 +216,19 @@ def label(
     strict = np.zeros(len(positions), dtype=bool)
     if closed_form.has_closed_form(robot):
         strict = closed_form.solve_closed_form(robot, positions, rotations)[1]
-    labels = []
-    for sense in ({}, {"loose": LOOSE}, {"free_roll": True}):
-        reached = strict.copy()
-        rest = np.flatnonzero(~reached)
-        reached[rest] = inverse_kinematics.solve(robot, begin, positions[rest], rotations[rest], **sense)[1]
-        labels.append(reached)
-        strict = labels[0]
-    return tuple(labels)
+
+    loose, rest = strict.copy(), np.flatnonzero(~strict)
+    joints, loose[rest] = inverse_kinematics.solve(robot, begin, positions[rest], rotations[rest], loose=LOOSE)
+    # The loose search descends to the strict tolerance wherever it can: what it does not reach at all is settled.
+    _, off, angle = inverse_kinematics.refine(robot, joints, positions[rest], rotations[rest], iterations=0)
+    within = (off <= inverse_kinematics.POSITION_TOLERANCE) & (angle <= inverse_kinematics.ANGLE_TOLERANCE)
+    strict[rest] = loose[rest] & within
+    rest = np.flatnonzero(loose & ~strict)
+    strict[rest] = inverse_kinematics.solve(robot, begin, positions[rest], rotations[rest])[1]
+
+    wrist_free, rest = strict.copy(), np.flatnonzero(~strict)
+    wrist_free[rest] = inverse_kinematics.solve(robot, begin, positions[rest], rotations[rest], free_roll=True)[1]
+    return strict, loose, wrist_free
 
 
 @lru_cache

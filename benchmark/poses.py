@@ -22,8 +22,8 @@ HALF_WIDTH = 1.0
 Z_OFFSETS = (0.2, 0.3)
 """How far the paper raises it against the base, in [m]: "0.2 or 0.3 adjusted for robot base offset"."""
 
-ATTEMPTS = 200
-"""Batches of candidates of which none is as asked for before giving up."""
+BATCH, ATTEMPTS = 100, 200
+"""Least candidates drawn at once, and batches of which none is as asked for before giving up."""
 
 
 def paper_z_offset(robot: "RobotDescription") -> float:
@@ -104,7 +104,7 @@ def draw(kind: str, robot: "RobotDescription", rng: np.random.Generator, n: int)
     positions, rotations, attempts = np.empty((0, 3)), np.empty((0, 3, 3)), 0
     box = paper_box(robot)
     while len(positions) < n:
-        p, r = DRAWS[kind](robot, rng, n)
+        p, r = DRAWS[kind](robot, rng, max(n, BATCH))
         inside = box.cells_of(p) >= 0
         positions = np.concatenate([positions, p[inside]])
         rotations = np.concatenate([rotations, r[inside]])

@@ -4,6 +4,7 @@ import pytest
 from benchmark import cache, labels, poses
 from benchmark.label_errors import label_errors
 from benchmark.labels import CHUNK, TEST_SETS, LabelledPoses, label, labelled, make_test_set
+from richmap import inverse_kinematics
 from richmap.files import FileRefusedError
 from richmap.reach import reach_ball
 from richmap.robots import load_robot
@@ -43,6 +44,17 @@ def test_a_strict_label_holds_in_every_looser_sense():
     strict, loose, wrist_free = label(robot, positions, rotations, starts=20)
     assert 0 < strict.sum() < strict.size
     assert (loose >= strict).all() and (wrist_free >= strict).all() and loose.sum() > strict.sum()
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5e"])
+def test_labels_are_those_of_a_search_for_each_sense_alone(name):
+    robot = load_robot(name)
+    positions, rotations = poses.draw("uniform", robot, np.random.default_rng(5), 300)
+    starts = inverse_kinematics.starting_configurations(robot, 20, seed=0)
+    strict, loose, wrist_free = label(robot, positions, rotations, starts=20)
+    assert (strict == inverse_kinematics.solve(robot, starts, positions, rotations)[1]).all()
+    assert (loose == inverse_kinematics.solve(robot, starts, positions, rotations, loose=labels.LOOSE)[1]).all()
+    assert (wrist_free >= inverse_kinematics.solve(robot, starts, positions, rotations, free_roll=True)[1]).all()
 
 
 def test_labels_are_kept_chunk_by_chunk(own_cache, monkeypatch):
