@@ -3,11 +3,12 @@
 python -m benchmark.approximate_ik robot=panda
 """
 
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.command import run_command
-from benchmark.config import ApproximateIkConfig
+from benchmark.command import check_setting, run_command
+from benchmark.config import MapConfig, RobotConfig, check_folder
 from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
@@ -24,6 +25,29 @@ STEPS = (0, 1, 2, 3, 5, 10, 20)
 
 ASKED = {"direction": True, "pose": False}
 """What is to be reached: position and approach direction with any roll, or the whole pose."""
+
+
+@dataclass
+class ApproximateIkConfig:
+    """Measures how near the configurations that a map stores are to asked poses, and what a few steps make of them."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom; its rows replace older ones in the table."""
+    poses: int = 20_000
+    """Number of configurations drawn, whose poses are asked for if they are free of self-collision; 100 or more."""
+    seed: int = 1000
+    """Seed of the configurations; a whole number >= 0."""
+    output_dir: str = "results"
+    """Folder of approximate_ik.parquet and approximate_ik.md."""
+    workers: int = 2
+    """Processes that sample where the map is to be built; a whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+
+    def __post_init__(self) -> None:
+        check_setting(self.poses >= 100, "poses", self.poses, "a whole number >= 100")
+        check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        check_folder(self.output_dir)
 
 
 def main(config: ApproximateIkConfig) -> None:

@@ -4,7 +4,7 @@ python -m benchmark.arms
 """
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import batched
 from pathlib import Path
@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.command import run_command
-from benchmark.config import ORACLES, SETTINGS, ArmsConfig
+from benchmark.command import check_setting, run_command
+from benchmark.config import ORACLES, SETTINGS, check_folder, check_seeds, check_targets
 from benchmark.oracle import play_episode
 from benchmark.outputs import replacing
 
@@ -44,6 +44,40 @@ FEASIBLE_COLOURS = {
     "WRONG_BRANCH": "tab:orange",
     "SELF_COLLISION": "tab:red",
 }
+
+
+@dataclass
+class ArmsConfig:
+    """Rolls the scripted oracles out on the target arms: each setting, single changes of it, where the tool can be."""
+
+    robots: list[str] = field(default_factory=lambda: ["ur3", "ur5", "ur10"])
+    """Arms, as in robots=[ur3,ur5]."""
+    changed: list[str] = field(default_factory=lambda: ["embodied"])
+    """Settings of which single choices are changed, as in changed=[embodied,original]."""
+    episodes: int = 500
+    """Number of episodes of each condition; a whole number >= 1."""
+    seed_start: int = 50_000
+    """Seed of the first episode."""
+    demonstrations: int = 30
+    """Demonstrations drawn over the table; a whole number from 1 to 1000."""
+    spacing: float = 0.01
+    """Of the points of the table in the pictures, in m, from 0.005 to 0.1."""
+    output_dir: str = "results"
+    """Folder of arms.md, arms/oracle_episodes.parquet and the figures in its folder figures."""
+    workers: int = 2
+    """Processes that roll out; results do not depend on it. A whole number >= 1."""
+
+    def __post_init__(self) -> None:
+        check_targets(self.robots)
+        for name in self.changed:
+            check_setting(name in SETTINGS, "changed", name, ", ".join(SETTINGS))
+        for name in ("episodes", "workers"):
+            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        drawn = self.demonstrations
+        check_setting(1 <= drawn <= 1000, "demonstrations", drawn, "a whole number from 1 to 1000")
+        check_setting(0.005 <= self.spacing <= 0.1, "spacing", self.spacing, "a number from 0.005 to 0.1")
+        check_seeds(self.seed_start, self.episodes)
+        check_folder(self.output_dir)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ python -m benchmark.build_maps robot=ur3
 
 import math
 import shutil
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ from filelock import FileLock
 from rich.console import Console
 
 from benchmark.command import check_setting, run_command
-from benchmark.config import SOURCE, BuildMapsConfig, EnergyConfig, MapConfig
+from benchmark.config import SOURCE, EnergyConfig, MapConfig, RobotConfig
 
 if TYPE_CHECKING:
     from richmap.construction import BuildProgress
@@ -22,6 +22,21 @@ if TYPE_CHECKING:
     from richmap.grid import Grid
     from richmap.reachability_map import Construction, ReachabilityMap
     from richmap.robot import RobotDescription
+
+
+@dataclass
+class BuildMapsConfig:
+    """Builds an arm's reachability map and, from the xArm6's and its own, the energy field; both are cached."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
+    workers: int = 2
+    """Processes that sample; the map does not depend on it. A whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+    energy: EnergyConfig = field(default_factory=EnergyConfig)
+
+    def __post_init__(self) -> None:
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
 
 
 def robot_map(

@@ -4,13 +4,24 @@ python -m benchmark.dashboard
 """
 
 import warnings
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from benchmark.command import SettingError, run_command
-from benchmark.config import DashboardConfig
+from benchmark.config import WandbConfig
 
 if TYPE_CHECKING:
     from wandb_workspaces.workspaces import Workspace
+
+
+@dataclass
+class DashboardConfig:
+    """Builds the workspace of a W&B project: curves over lambda, causes of failure, episodes, trainings."""
+
+    project: str = WandbConfig.project
+    """Project that the runs went to."""
+    entity: str = ""
+    """User or team of the project; empty for the account's own."""
 
 
 def main(config: DashboardConfig) -> None:

@@ -8,12 +8,12 @@ import shutil
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmark.command import SettingError, check_setting, run_command
-from benchmark.config import FIRST_TEST_SEED, EnterConfig, RunConfig
+from benchmark.config import FIRST_TEST_SEED, TASK_ARMS, EnergyConfig, MapConfig, RobotConfig, RunConfig
 from benchmark.entry import Entry
 from benchmark.outputs import replacing
 
@@ -25,6 +25,51 @@ if TYPE_CHECKING:
 
 SHOWN = 20
 """Most refusals that are shown one by one."""
+
+
+@dataclass
+class EnterConfig:
+    """Evaluates somebody else's entry on the test episodes, or checks a table that was sent with it."""
+
+    entry: str = ""
+    """Folder of the entry: entry.yaml, and what it names. Its code is run: read it first."""
+    table: str = ""
+    """A table of episodes that was sent with the entry: nothing is stored, the table is checked. Empty to evaluate."""
+    replays: int = 20
+    """With table=: how many of its rows, drawn at random, are replayed; a whole number >= 0."""
+    robots: list[str] = field(default_factory=lambda: list(TASK_ARMS))
+    """Arms, as in robots=[ur3,ur5]; the protocol has all four."""
+    settings: list[str] = field(default_factory=lambda: ["embodied"])
+    """What the arms may do, embodied, best or both, as in settings=[embodied,best] (see benchmark.run)."""
+    episodes: int = 500
+    """Number of test episodes per arm, setting and policy, from seed 100000 on; the protocol has 500."""
+    seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
+    """Training seeds of the policies, the best of each, that an entry without a policy of its own guides."""
+    output_dir: str = "results/entries"
+    """Folder in which a folder of the entry's name gets episodes.parquet and entry.yaml."""
+    device: str = "auto"
+    """Where the policy runs: cpu, cuda, or auto (cuda if there is one)."""
+    slots: int = 10
+    """Rows of the batch in which the policy is evaluated (see benchmark.run); a whole number >= 1."""
+    workers: int = 2
+    """Processes that roll out or sample; results do not depend on it. A whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+    energy: EnergyConfig = field(default_factory=EnergyConfig)
+
+    def __post_init__(self) -> None:
+        check_setting(self.replays >= 0, "replays", self.replays, "a whole number >= 0")
+        check_setting(bool(self.robots), "robots", self.robots, f"some of {', '.join(TASK_ARMS)}")
+        for name in self.settings or [None]:
+            check_setting(name in ("embodied", "best"), "settings", name, "embodied, best")
+        check_setting(bool(self.seeds), "seeds", self.seeds, "one or more whole numbers")
+        for robot in self.robots:
+            self.run(robot, "embodied")
+
+    def run(self, robot: str, setting: str) -> RunConfig:
+        """Settings of an arm's rollouts."""
+        names = {each.name for each in fields(RunConfig)} & {*vars(self)} - {"output_dir"}
+        given = {name: getattr(self, name) for name in names}
+        return RunConfig(robot=RobotConfig(robot), setting=setting, output_dir=self.output_dir, **given)
 
 
 def main(config: EnterConfig) -> None:

@@ -7,15 +7,17 @@ nothing around it.
 """
 
 import cProfile
+import os
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from pstats import Stats
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING
 
-from benchmark.command import run_command
-from benchmark.config import EnvironmentSpeedConfig, RobotConfig, RunConfig
+from benchmark.command import check_setting, run_command
+from benchmark.config import TASK_ARMS, RobotConfig, RunConfig, check_folder, check_seeds
 from benchmark.outputs import replacing, store_rows
 
 if TYPE_CHECKING:
@@ -33,6 +35,46 @@ SAMPLERS = {"DDIM": 10, "DDPM": 100}
 
 SHOWN = 12
 """Functions of the profile in the table, those with the most time of their own."""
+
+
+@dataclass
+class EnvironmentSpeedConfig:
+    """Measures control steps of each arm beside bare physics, chunks of actions plain and guided, and rollouts."""
+
+    robots: list[str] = field(default_factory=lambda: list(TASK_ARMS))
+    """Arms, as in robots=[ur3,ur5]; their rows replace older ones in the table."""
+    episodes: int = 10
+    """Episodes of the scripted oracle per arm; a whole number >= 1."""
+    environments: list[int] = field(default_factory=lambda: [1, 50])
+    """Numbers of environments that a chunk of actions is sampled for; whole numbers >= 1."""
+    threads: list[int] = field(default_factory=lambda: [1, 2])
+    """Numbers of threads that sample a chunk; whole numbers from 1 to the number of processors."""
+    repeats: int = 20
+    """Measurements of a chunk of which the least counts; a whole number >= 1."""
+    rollout_episodes: int = 500
+    """Episodes of the learned policy per arm, rolled out as benchmark.run does; 0 to leave them out."""
+    seed: int = 42
+    """Training seed of the policy (see benchmark.run)."""
+    seed_start: int = 50_000
+    """Seed of the first episode."""
+    workers: int = 2
+    """Processes that roll out; a whole number >= 1."""
+    output_dir: str = "results"
+    """Folder of environment_speed.parquet and environment_speed.md."""
+
+    def __post_init__(self) -> None:
+        for name in self.robots or [None]:
+            check_setting(name in TASK_ARMS, "robots", name, ", ".join(TASK_ARMS))
+        for name in ("environments", "threads"):
+            values = getattr(self, name)
+            check_setting(bool(values) and min(values) >= 1, name, values, "whole numbers >= 1")
+        most = os.cpu_count() or 1
+        check_setting(max(self.threads) <= most, "threads", self.threads, f"whole numbers from 1 to {most}")
+        for name in ("episodes", "repeats", "workers"):
+            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_setting(self.rollout_episodes >= 0, "rollout_episodes", self.rollout_episodes, "a whole number >= 0")
+        check_seeds(self.seed_start, max(self.episodes, self.rollout_episodes))
+        check_folder(self.output_dir)
 
 
 def main(config: EnvironmentSpeedConfig) -> None:

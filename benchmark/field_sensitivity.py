@@ -4,13 +4,13 @@ python -m benchmark.field_sensitivity
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.command import run_command
-from benchmark.config import SOURCE, FieldSensitivityConfig
+from benchmark.command import check_setting, run_command
+from benchmark.config import SOURCE, MapConfig, check_folder, check_targets
 from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
@@ -39,6 +39,29 @@ BIN = 0.05
 
 NOTHING = 0.1
 """A slope that is a smaller part of the full one, delta / Delta, counts as none; likewise a share of positions."""
+
+
+@dataclass
+class FieldSensitivityConfig:
+    """Measures how the energy fields' slope along the demonstrations depends on what the paper leaves open."""
+
+    robots: list[str] = field(default_factory=lambda: ["ur3", "ur5", "ur10"])
+    """Arms, as in robots=[ur3,ur5]; their rows of this map.cell_size replace older ones in the table."""
+    episodes: int = 30
+    """Demonstrations whose positions count, from the scene of seed 0 on; a whole number from 1 to 1000."""
+    output_dir: str = "results"
+    """Folder of field_sensitivity.parquet and field_sensitivity.md; the figure goes to its folder figures."""
+    workers: int = 2
+    """Processes that sample where a map is to be built; a whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+
+    def __post_init__(self) -> None:
+        check_targets(self.robots)
+        check_setting(1 <= self.episodes <= 1000, "episodes", self.episodes, "a whole number from 1 to 1000")
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        covered = self.map.half_width >= 0.8
+        check_setting(covered, "map.half_width", self.map.half_width, "0.8 or more, so that the field covers the table")
+        check_folder(self.output_dir)
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmark.command import SettingError, run_command
-from benchmark.config import FIRST_TEST_SEED, TASK_ARMS, LeaderboardConfig
+from benchmark.config import FIRST_TEST_SEED, TASK_ARMS
 from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from benchmark.statistics import Crossed
+
+
+@dataclass
+class LeaderboardConfig:
+    """Turns all stored test episodes into LEADERBOARD.md and leaderboard.html, by both protocols."""
+
+    output_dir: str = "results"
+    """Folder below which every episodes.parquet is read, and to which both files go; moving pictures come from its
+    folder figures, the oracles' scores from its folders arms and oracle."""
 
 
 @dataclass(frozen=True)

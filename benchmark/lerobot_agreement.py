@@ -12,13 +12,13 @@ import os
 import shutil
 import subprocess
 import sys
-from dataclasses import fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from benchmark.command import run_command
-from benchmark.config import LerobotAgreementConfig, RunConfig
+from benchmark.command import check_setting, run_command
+from benchmark.config import SETTINGS, TASK_ARMS, RobotConfig, RunConfig, check_folder, check_seeds
 from benchmark.outputs import replacing, store_rows
 from benchmark.run import chosen_checkpoint, make_rollout, run_and_store
 
@@ -32,6 +32,40 @@ PART = 100
 
 KEY = ["robot", "setting", "checkpoint_hash", "code_version", "episode_seed"]
 """What an episode of the two evaluations must share."""
+
+
+@dataclass
+class LerobotAgreementConfig:
+    """Compares the success that lerobot-eval measures with that of our rollouts, on the same episodes."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig, metadata={"choices": TASK_ARMS})
+    """Arm: xarm6, ur3, ur5 or ur10."""
+    setting: str = "embodied"
+    """What the arm may do: original, embodied or best (see benchmark.run)."""
+    episodes: int = 200
+    """Number of episodes; a whole number >= 1."""
+    seed: int = 42
+    """Training seed of the policy (see benchmark.run)."""
+    checkpoint: int = 1
+    """Which of that seed's checkpoints (see benchmark.run)."""
+    policy: str = ""
+    """Folder of a LeRobot checkpoint to evaluate instead (see benchmark.run)."""
+    seed_start: int = 50_000
+    """Seed of the first episode."""
+    slots: int = 10
+    """Environments that LeRobot steps together, and rows of our batches; a whole number >= 1."""
+    workers: int = 2
+    """Processes of our rollouts; a whole number >= 1."""
+    output_dir: str = "results"
+    """Folder of lerobot_agreement.md; episodes go to its folder lerobot_agreement."""
+
+    def __post_init__(self) -> None:
+        check_setting(self.robot.name in TASK_ARMS, "robot", self.robot.name, ", ".join(TASK_ARMS))
+        for name in ("episodes", "slots", "workers"):
+            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_seeds(self.seed_start, self.episodes)
+        check_folder(self.output_dir)
+        check_setting(self.setting in SETTINGS, "setting", self.setting, ", ".join(SETTINGS))
 
 
 def main(config: LerobotAgreementConfig) -> None:

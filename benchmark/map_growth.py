@@ -4,13 +4,14 @@ python -m benchmark.map_growth robot=panda
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from benchmark.command import run_command
-from benchmark.config import MapGrowthConfig
+from benchmark.command import check_setting, run_command
+from benchmark.config import MapConfig, RobotConfig, check_folder
 from benchmark.outputs import replacing, store_rows
 from benchmark.verified_maps import VerifiedMap
 
@@ -22,6 +23,31 @@ if TYPE_CHECKING:
     from richmap.robot import RobotDescription
 
 LABELS = ("strict", "loose")
+
+
+@dataclass
+class MapGrowthConfig:
+    """Scores an arm's map of directions while it is built, as in the paper's figure over inserted poses."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom; its rows replace older ones in the table."""
+    millions: list[float] = field(default_factory=lambda: [0.2, 0.5, 1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 15.0, 18.0])
+    """Inserted directions, in millions, at which the map is scored; once more at the end. Rising numbers above 0."""
+    poses: int = 100_000
+    """Poses of each test set; a whole number >= 100."""
+    workers: int = 2
+    """Processes that label and sample; results do not depend on it. A whole number >= 1."""
+    output_dir: str = "results"
+    """Folder of map_growth.parquet; the figure goes to its folder figures."""
+    map: MapConfig = field(default_factory=lambda: MapConfig(stop_rate=0.01))
+    """The map of directions; its z_offset is the paper's for the arm, whatever is set."""
+
+    def __post_init__(self) -> None:
+        rising = all(a < b for a, b in pairwise([0, *self.millions]))
+        check_setting(rising, "millions", self.millions, "rising numbers above 0")
+        for name, least in (("poses", 100), ("workers", 1)):
+            check_setting(getattr(self, name) >= least, name, getattr(self, name), f"a whole number >= {least}")
+        check_folder(self.output_dir)
 
 
 def main(config: MapGrowthConfig) -> None:

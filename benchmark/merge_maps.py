@@ -3,11 +3,27 @@
 python -m benchmark.merge_maps robot=panda inputs=[a.safetensors,b.safetensors] output=panda.safetensors
 """
 
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from benchmark.command import SettingError, check_setting, run_command
-from benchmark.config import MergeMapsConfig
+from benchmark.config import RobotConfig, check_folder
+
+
+@dataclass
+class MergeMapsConfig:
+    """Merges maps of one arm, built from different seeds or on different machines, into one theta-separated map."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm that all the maps are of."""
+    inputs: list[str] = field(default_factory=list)
+    """Map files, two or more, as in inputs=[a.safetensors,b.safetensors]; same grid and theta, each of its own seed."""
+    output: str = "merged.safetensors"
+    """File of the merged map."""
+
+    def __post_init__(self) -> None:
+        check_folder(str(Path(self.output).parent), "output")
 
 
 def main(config: MergeMapsConfig) -> None:

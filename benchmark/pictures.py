@@ -3,13 +3,14 @@
 python -m benchmark.pictures robot=ur3
 """
 
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.command import run_command
-from benchmark.config import SOURCE, PicturesConfig
+from benchmark.command import check_setting, run_command
+from benchmark.config import SOURCE, MapConfig, RobotConfig, check_folder
 from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
@@ -28,6 +29,23 @@ YES, NO, FOUND = "tab:green", "tab:red", "tab:blue"
 
 ELEVATION = 25
 """Height of the eye over the horizon in pictures of the sphere, in degrees."""
+
+
+@dataclass
+class PicturesConfig:
+    """Draws an arm's map and what it is good for; the map is built if it is not in the cache."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
+    workers: int = 2
+    """Processes that sample; the map does not depend on it. A whole number >= 1."""
+    output_dir: str = "results/figures"
+    """Pictures go to its folder maps."""
+    map: MapConfig = field(default_factory=MapConfig)
+
+    def __post_init__(self) -> None:
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        check_folder(self.output_dir)
 
 
 def main(config: PicturesConfig) -> None:

@@ -3,15 +3,15 @@
 python -m benchmark.place_bases
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.command import run_command
-from benchmark.config import PlaceBasesConfig
+from benchmark.command import check_setting, run_command
+from benchmark.config import MapConfig, check_folder, check_targets
 from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
@@ -29,6 +29,33 @@ PLACES_X, PLACES_Y = np.round(np.arange(-0.4, 0.201, 0.02), 2), np.round(np.aran
 SHORTLIST = 0.95
 """Places that score at least this much of the best score are told apart by feasibility: the map's cells are wider than
 what is between them."""
+
+
+@dataclass
+class PlaceBasesConfig:
+    """Finds where each target arm stands best for this task, by its reachability map, and its wrist's branch there."""
+
+    robots: list[str] = field(default_factory=lambda: ["ur3", "ur5", "ur10"])
+    """Arms, as in robots=[ur3,ur5]."""
+    episodes: int = 30
+    """Demonstrations whose positions are to be reached, from the scene of seed 0 on; a whole number from 1 to 1000."""
+    stride: int = 8
+    """Every so many control steps a position is taken; a whole number >= 1."""
+    margin: float = 0.1
+    """How far from the edge of the reach a position should be, in m, from 0 to 0.5."""
+    output_dir: str = "results"
+    """Folder of base_placement.md; the figure goes to its folder figures."""
+    workers: int = 2
+    """Processes that sample where a map is to be built; a whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+
+    def __post_init__(self) -> None:
+        check_targets(self.robots)
+        check_setting(1 <= self.episodes <= 1000, "episodes", self.episodes, "a whole number from 1 to 1000")
+        for name in ("stride", "workers"):
+            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_setting(0 <= self.margin <= 0.5, "margin", self.margin, "a number from 0 to 0.5")
+        check_folder(self.output_dir)
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,14 @@ python -m benchmark.replay table=results/entries/mine entry=mine random=20
 
 import sys
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmark.checkpoint import GUIDED, Checkpoint
 from benchmark.command import SettingError, check_setting, run_command
-from benchmark.config import ArmConfig, ReplayConfig, RobotConfig, RunConfig
+from benchmark.config import ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig
 from benchmark.run import CHECKPOINTS, make_rollout
 from policies.methods import METHODS
 
@@ -26,6 +26,35 @@ if TYPE_CHECKING:
 
 NOT_REPLAYED = {"commit", "row_hash"}
 """Columns that say where a row came from and that it is as it was stored, not what happened."""
+
+
+@dataclass
+class ReplayConfig:
+    """Replays stored rows, each alone, and compares every column to the last bit."""
+
+    table: str = "results"
+    """A table of episodes, or a folder: every episodes.parquet under it."""
+    row: str = ""
+    """The row's row_hash, or its first digits, 8 or more."""
+    number: int = -1
+    """The row's number in the table, from 0, instead; -1 for none."""
+    random: int = 0
+    """How many rows, drawn at random, instead of one; a whole number >= 0."""
+    seed: int = 0
+    """Seed of the draw; a whole number >= 0."""
+    policy: str = ""
+    """Folder of the row's policy, where it is none of ours; empty to look for its weights among ours."""
+    entry: str = ""
+    """Folder of the entry that the row is of (see benchmark.enter); empty for a row of our own methods."""
+    workers: int = 2
+    """Processes that sample where a map is to be built; a whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+    energy: EnergyConfig = field(default_factory=EnergyConfig)
+
+    def __post_init__(self) -> None:
+        check_setting(not self.row or len(self.row) >= 8, "row", self.row, "8 or more digits of a row_hash")
+        check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
 
 
 def main(config: ReplayConfig) -> None:

@@ -7,7 +7,7 @@ the first action is compared with that without it, from the same noise. On paper
 """
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,8 +18,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from benchmark.checkpoint import GUIDED, Checkpoint
-from benchmark.command import SettingError, run_command
-from benchmark.config import ResponseConfig, RobotConfig, RunConfig
+from benchmark.command import SettingError, check_setting, run_command
+from benchmark.config import RobotConfig, RunConfig, check_folder, check_seeds
 from benchmark.outputs import replacing
 from policies.guidance import Guidance
 
@@ -46,6 +46,37 @@ PER_EPISODE = 20
 
 HISTORY = 8
 """Past observations that are kept of each; policies look at fewer."""
+
+
+@dataclass
+class ResponseConfig:
+    """Measures how far a push on the predicted noise moves the first action, and success by denoising steps."""
+
+    policies: list[str] = field(default_factory=list)
+    """Checkpoints of type guided_push, as in policies=[results/checkpoints/seed42-1,outputs/x0/seed42-1]; empty for the
+    one of seed."""
+    seed: int = 42
+    """Training seed of the policy (see benchmark.run)."""
+    observations: int = 400
+    """Observations from rollouts, 20 of an episode; a whole number >= 1."""
+    steps: list[int] = field(default_factory=lambda: [1, 2, 3, 5, 10, 20, 50])
+    """Numbers of denoising steps whose success is measured on the xArm6, each from 1 to 100."""
+    episodes: int = 100
+    """Episodes for each number of denoising steps; 0 to leave them out."""
+    seed_start: int = 50_000
+    """Seed of the first episode."""
+    workers: int = 2
+    """Processes that roll out; results do not depend on it. A whole number >= 1."""
+    output_dir: str = "results"
+    """Folder of response.parquet, response.md and the figure; episodes go to its folder response."""
+
+    def __post_init__(self) -> None:
+        for name, least in (("observations", 1), ("workers", 1), ("episodes", 0)):
+            check_setting(getattr(self, name) >= least, name, getattr(self, name), f"a whole number >= {least}")
+        possible = all(1 <= steps <= 100 for steps in self.steps)
+        check_setting(possible, "steps", self.steps, "whole numbers from 1 to 100")
+        check_seeds(self.seed_start, max(self.episodes, self.observations))
+        check_folder(self.output_dir)
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,15 @@
 python -m benchmark.scales robot=ur3 methods=[paper,feasibility]
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.command import SettingError, run_command
-from benchmark.config import RunConfig, ScalesConfig
+from benchmark.command import SettingError, check_setting, run_command
+from benchmark.config import TASK_ARMS, ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig
 from benchmark.outputs import replacing
+from policies.methods import METHODS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -47,6 +48,58 @@ EPISODE_SECONDS = 1.4
 
 ARM = ["robot", "setting", "base", "branch", "self_collision", "orientation_weight", "sampler", "sampling_steps"]
 """Columns of the episodes table that a scale is chosen for."""
+
+
+@dataclass
+class ScalesConfig:
+    """Sweeps the scale of each method of guidance on an arm, on validation episodes and up to collapse."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig, metadata={"choices": TASK_ARMS})
+    """Arm that acts: ur3, ur5, ur10 or xarm6."""
+    methods: list[str] = field(default_factory=lambda: [name for name in METHODS if name != "direct"])
+    """Methods, as in methods=[paper,towards] (see benchmark.run)."""
+    points: int = 9
+    """Most scales of a method, each twice the one before; it ends sooner when the policy collapses. From 1 to 16."""
+    seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
+    """Training seeds, whole numbers >= 0; one checkpoint of each is rolled out."""
+    checkpoint: int = 1
+    """Which of each seed's checkpoints, by rank on the validation episodes, from 1."""
+    episodes: int = 100
+    """Number of episodes per scale and checkpoint; a whole number >= 1. The same ones for all."""
+    seed_start: int = 50_000
+    """Seed of the first episode: choices are made on validation episodes, 50000 to 59999."""
+    setting: str = "embodied"
+    """What the arm may do (see benchmark.run)."""
+    output_dir: str = "results/scales"
+    """Folder of episodes.parquet, scales.md and the figures."""
+    device: str = "auto"
+    """Where the policy runs: cpu, cuda, or auto (cuda if there is one)."""
+    sampler: str = "DDIM"
+    """Sampler of the diffusion policy: DDIM or DDPM."""
+    sampling_steps: int = 10
+    """Denoising steps per action chunk; a whole number from 1 to 100."""
+    slots: int = 10
+    """Rows of the batch in which the policy is evaluated (see benchmark.run); a whole number >= 1."""
+    workers: int = 2
+    """Processes that roll out or sample; results do not depend on it. A whole number >= 1."""
+    arm: ArmConfig = field(default_factory=ArmConfig)
+    map: MapConfig = field(default_factory=MapConfig)
+    energy: EnergyConfig = field(default_factory=EnergyConfig)
+
+    def __post_init__(self) -> None:
+        for name in self.methods or [None]:
+            check_setting(name in METHODS and name != "direct", "methods", name, ", ".join([*METHODS][1:]))
+        check_setting(1 <= self.points <= 16, "points", self.points, "a whole number from 1 to 16")
+        check_setting(bool(self.seeds), "seeds", self.seeds, "one or more whole numbers")
+        validation = 50_000 <= self.seed_start <= 60_000 - self.episodes
+        check_setting(validation, "seed_start", self.seed_start, "from 50000 to 60000 - episodes, validation episodes")
+        for seed in self.seeds:
+            self.run(seed)
+
+    def run(self, seed: int) -> RunConfig:
+        """Settings of direct transfer with the policy of one training seed."""
+        names = {each.name for each in fields(RunConfig)} - {"seed"}
+        return RunConfig(**{name: value for name, value in vars(self).items() if name in names}, seed=seed)
 
 
 def main(config: ScalesConfig) -> None:

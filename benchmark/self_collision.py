@@ -4,11 +4,12 @@ python -m benchmark.self_collision
 """
 
 import time
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.command import check_setting, run_command
-from benchmark.config import SelfCollisionConfig
+from benchmark.config import TASK_ARMS
 from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
@@ -23,6 +24,28 @@ CHUNK = 5_000
 
 REJECTED, LET_THROUGH = 0.02, 0.05
 """Greatest share of free configurations that may be rejected, and of colliding ones that may be let through."""
+
+
+@dataclass
+class SelfCollisionConfig:
+    """Compares the convex parts that simulators collide with exact triangles, on configurations drawn afresh."""
+
+    robots: list[str] = field(default_factory=lambda: [*TASK_ARMS, "panda", "iiwa7", "ur5e", "gen3"])
+    """Arms, as in robots=[ur3,ur5]; their rows replace older ones in the table."""
+    configurations: int = 20_000
+    """Least number of configurations per arm, uniform within the joint limits; a whole number >= 1."""
+    collisions: int = 400
+    """Least number of colliding ones per arm: sampling goes on until there are as many; a whole number >= 1."""
+    limit: int = 1_000_000
+    """Sampling ends here even so; a whole number >= 1."""
+    seed: int = 1000
+    """Seed of the configurations. Those of seed 0 chose the pairs that are checked, so it is 1 or more."""
+    output_dir: str = "results"
+    """Folder of self_collision.parquet and self_collision.md."""
+
+    def __post_init__(self) -> None:
+        for name in ("configurations", "collisions", "limit", "seed"):
+            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
 
 
 def main(config: SelfCollisionConfig) -> None:

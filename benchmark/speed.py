@@ -3,9 +3,10 @@
 python -m benchmark.speed
 """
 
+import os
 import timeit
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from benchmark.build_maps import robot_map
 from benchmark.command import check_setting, run_command
-from benchmark.config import SpeedConfig
+from benchmark.config import MapConfig, check_folder
 from benchmark.outputs import replacing, store_rows
 
 if TYPE_CHECKING:
@@ -31,6 +32,51 @@ COLUMNS = [*KEY, "value", "unit"]
 
 DIFFERENT = 1e-3
 """Errors of the fast MMD are taken over cells whose MMD^2 is above this."""
+
+
+@dataclass
+class SpeedConfig:
+    """Measures queries, construction and MMD beside the paper's batched matrix products, in one run."""
+
+    robots: list[str] = field(default_factory=lambda: ["panda", "iiwa7", "ur5e", "gen3"])
+    """Arms, as in robots=[panda,ur5e]; MMD is that of the first one and each of the others."""
+    parts: list[str] = field(default_factory=lambda: ["queries", "insertion", "sampling", "mmd"])
+    """What is measured, as in parts=[queries]; insertion into a map of fine cells takes much memory."""
+    batches: list[int] = field(default_factory=lambda: [100, 10_000, 1_000_000, 2_000_000])
+    """Numbers of queries asked at once; whole numbers >= 1."""
+    insertion_batches: list[int] = field(default_factory=lambda: [10_000, 1_000_000])
+    """Numbers of poses offered at once; whole numbers >= 1."""
+    sampled: int = 20_000
+    """Configurations drawn at once for the speed of sampling; a whole number >= 1."""
+    pairwise_cells: int = 400
+    """Cells in which MMD is summed over all pairs; a whole number >= 1."""
+    threads: list[int] = field(default_factory=lambda: [1, 2])
+    """Numbers of threads; whole numbers from 1 to the number of processors."""
+    repeats: int = 3
+    """Measurements of which the least counts; a whole number >= 1."""
+    device: str = "auto"
+    """Where the matrix products run: cpu, cuda, or auto (cuda if there is one)."""
+    seed: int = 1000
+    """Seed of queries and poses; a whole number >= 0."""
+    workers: int = 2
+    """Processes that sample where a map is to be built; a whole number >= 1."""
+    output_dir: str = "results"
+    """Folder of speed.parquet and speed.md."""
+    map: MapConfig = field(default_factory=lambda: MapConfig(stop_rate=0.01))
+
+    def __post_init__(self) -> None:
+        for name in ("batches", "insertion_batches", "threads"):
+            values = getattr(self, name)
+            check_setting(bool(values) and min(values) >= 1, name, values, "whole numbers >= 1")
+        most = os.cpu_count() or 1
+        check_setting(max(self.threads) <= most, "threads", self.threads, f"whole numbers from 1 to {most}")
+        for name in ("sampled", "pairwise_cells", "repeats", "workers"):
+            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        parts = ("queries", "insertion", "sampling", "mmd")
+        check_setting(set(self.parts) <= set(parts) and self.parts, "parts", self.parts, f"some of {', '.join(parts)}")
+        check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
+        check_setting(self.device in ("cpu", "cuda", "auto"), "device", self.device, "cpu, cuda, auto")
+        check_folder(self.output_dir)
 
 
 def main(config: SpeedConfig) -> None:

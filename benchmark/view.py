@@ -4,13 +4,14 @@ python -m benchmark.view robot=ur5e
 """
 
 import webbrowser
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmark.command import check_setting, run_command
-from benchmark.config import SOURCE, ViewConfig
+from benchmark.config import SOURCE, MapConfig, RobotConfig, check_folder
 from benchmark.outputs import replacing
 from benchmark.pictures import half_filled_cell
 
@@ -27,6 +28,33 @@ RADIUS = 0.12
 """Of the sphere of directions, in [m]; cells that it would touch are left out."""
 
 ARM, CAP = (70, 90, 120, 255), (200, 40, 40, 255)
+
+
+@dataclass
+class ViewConfig:
+    """Shows an arm and its map in three dimensions, in a web browser; the map is built if it is not in the cache."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
+    colour: str = "coverage"
+    """What cells are coloured by: coverage, or mmd (discrepancy of directions against the xArm6's)."""
+    cell: list[float] | None = None
+    """A point of the cell whose directions are shown, [x,y,z] in m in the arm's base frame; null for a half-filled
+    cell before the arm. The arm stands in a configuration that reaches this cell."""
+    save: str = ""
+    """Page (.html) to write without opening a browser; empty to write outputs/view/<robot>.html and open it."""
+    workers: int = 2
+    """Processes that sample; the map does not depend on it. A whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+
+    def __post_init__(self) -> None:
+        cell = self.cell
+        check_setting(self.colour in ("coverage", "mmd"), "colour", self.colour, "coverage, mmd")
+        check_setting(cell is None or len(cell) == 3, "cell", cell, "[x,y,z] in m, or null")
+        check_setting(self.save == "" or self.save.endswith(".html"), "save", self.save, "a file name ending in .html")
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        if self.save:
+            check_folder(str(Path(self.save).parent))
 
 
 def main(config: ViewConfig) -> None:

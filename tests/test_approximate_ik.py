@@ -3,8 +3,8 @@ import pandas as pd
 import pytest
 
 from benchmark import build_maps
-from benchmark.approximate_ik import STEPS, descend, main, reachable_poses, turned_to_roll
-from benchmark.config import ApproximateIkConfig, RobotConfig
+from benchmark.approximate_ik import STEPS, ApproximateIkConfig, descend, main, reachable_poses, turned_to_roll
+from benchmark.config import RobotConfig
 from richmap.collision import self_collision
 from richmap.grid import Grid
 from richmap.kinematics import flange_frames

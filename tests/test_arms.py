@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from benchmark import arms
-from benchmark.arms import OracleCondition, arm_conditions, markdown, missing_chunks, rows_of, table_row
-from benchmark.config import ORACLES, SETTINGS, ArmsConfig
+from benchmark.arms import ArmsConfig, OracleCondition, arm_conditions, markdown, missing_chunks, rows_of, table_row
+from benchmark.config import ORACLES, SETTINGS
 from envs.arms import arm_setting
 
 

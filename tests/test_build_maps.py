@@ -6,7 +6,8 @@ from rich.console import Console
 from benchmark import merge_maps
 from benchmark.build_maps import MapProgress, energy_field, robot_map
 from benchmark.command import SettingError
-from benchmark.config import EnergyConfig, MapConfig, MergeMapsConfig, RobotConfig
+from benchmark.config import EnergyConfig, MapConfig, RobotConfig
+from benchmark.merge_maps import MergeMapsConfig
 from richmap.reachability_map import ReachabilityMap
 from richmap.robots import load_robot
 

@@ -10,36 +10,31 @@ from omegaconf import OmegaConf
 
 from benchmark import command
 from benchmark.ablation import AblationConfig
+from benchmark.approximate_ik import ApproximateIkConfig
+from benchmark.arms import ArmsConfig
+from benchmark.build_maps import BuildMapsConfig
 from benchmark.collect import CollectConfig
-from benchmark.config import (
-    ApproximateIkConfig,
-    ArmsConfig,
-    BuildMapsConfig,
-    CapabilityMapConfig,
-    DashboardConfig,
-    EnterConfig,
-    EnvironmentSpeedConfig,
-    FieldSensitivityConfig,
-    LeaderboardConfig,
-    LerobotAgreementConfig,
-    MapGrowthConfig,
-    MergeMapsConfig,
-    OracleConfig,
-    PicturesConfig,
-    PlaceBasesConfig,
-    ReplayConfig,
-    ResponseConfig,
-    RunConfig,
-    ScalesConfig,
-    SelfCollisionConfig,
-    SpeedConfig,
-    VerifyMapsConfig,
-    ViewConfig,
-)
+from benchmark.config import CapabilityMapConfig, OracleConfig, RunConfig, VerifyMapsConfig
+from benchmark.dashboard import DashboardConfig
+from benchmark.enter import EnterConfig
+from benchmark.environment_speed import EnvironmentSpeedConfig
+from benchmark.field_sensitivity import FieldSensitivityConfig
+from benchmark.leaderboard import LeaderboardConfig
+from benchmark.lerobot_agreement import LerobotAgreementConfig
+from benchmark.map_growth import MapGrowthConfig
+from benchmark.merge_maps import MergeMapsConfig
+from benchmark.pictures import PicturesConfig
+from benchmark.place_bases import PlaceBasesConfig
 from benchmark.prediction import PredictionConfig
+from benchmark.replay import ReplayConfig
+from benchmark.response import ResponseConfig
+from benchmark.scales import ScalesConfig
+from benchmark.self_collision import SelfCollisionConfig
 from benchmark.source_policies import SourcePoliciesConfig
+from benchmark.speed import SpeedConfig
 from benchmark.top_view import TopViewConfig
 from benchmark.train import TrainConfig
+from benchmark.view import ViewConfig
 
 SCHEMAS = {
     "run": RunConfig,

@@ -10,7 +10,7 @@ import pytest
 
 from benchmark import enter, rollout
 from benchmark.command import SettingError
-from benchmark.config import EnterConfig
+from benchmark.enter import EnterConfig
 from benchmark.entry import Entry
 from benchmark.results import Episode, read_episodes, read_trusted, row_hash
 from benchmark.run import checkpoint_folder

@@ -4,8 +4,15 @@ import pytest
 import torch
 from rich.console import Console
 
-from benchmark.config import EnvironmentSpeedConfig, RobotConfig, RunConfig
-from benchmark.environment_speed import chunk_speeds, control_steps, markdown, timed_episode, write
+from benchmark.config import RobotConfig, RunConfig
+from benchmark.environment_speed import (
+    EnvironmentSpeedConfig,
+    chunk_speeds,
+    control_steps,
+    markdown,
+    timed_episode,
+    write,
+)
 from benchmark.rollout import load_policy
 from benchmark.run import checkpoint_folder, make_rollout
 from envs import ENVIRONMENTS

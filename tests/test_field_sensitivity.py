@@ -6,11 +6,12 @@ import pytest
 from rich.console import Console
 
 from benchmark import build_maps
-from benchmark.config import EnergyConfig, FieldSensitivityConfig, MapConfig
+from benchmark.config import EnergyConfig, MapConfig
 from benchmark.field_sensitivity import (
     BIN,
     CELL_SIZE,
     CHOICES,
+    FieldSensitivityConfig,
     demonstrated_path,
     main,
     markdown,

@@ -8,8 +8,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from benchmark.command import CONF, SettingError
-from benchmark.config import LeaderboardConfig
-from benchmark.leaderboard import FIRST_TEST_SEED, PROTOCOLS, counted, leaderboard, main
+from benchmark.leaderboard import FIRST_TEST_SEED, PROTOCOLS, LeaderboardConfig, counted, leaderboard, main
 from benchmark.leaderboard_text import beside_the_paper
 from benchmark.oracle_scores import with_oracles
 from benchmark.statistics import holm, paired_p_value

@@ -3,7 +3,8 @@ import pytest
 from PIL import Image
 
 from benchmark import build_maps, pictures
-from benchmark.config import PicturesConfig, RobotConfig
+from benchmark.config import RobotConfig
+from benchmark.pictures import PicturesConfig
 from richmap.compression import coverage_fraction
 from richmap.grid import Grid
 from richmap.similarity import similarity

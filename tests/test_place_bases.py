@@ -5,8 +5,16 @@ from itertools import product
 import numpy as np
 import pytest
 
-from benchmark.config import PlaceBasesConfig
-from benchmark.place_bases import PLACES_X, PLACES_Y, PlacedArm, directions, draw, feasible_share, markdown
+from benchmark.place_bases import (
+    PLACES_X,
+    PLACES_Y,
+    PlaceBasesConfig,
+    PlacedArm,
+    directions,
+    draw,
+    feasible_share,
+    markdown,
+)
 from envs.arms import ARMS, SETTINGS, make_kinematics, start_posture
 from richmap.base_placement import BasePlacement
 

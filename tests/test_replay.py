@@ -9,7 +9,8 @@ from rich.console import Console
 
 from benchmark import replay
 from benchmark.command import SettingError
-from benchmark.config import ReplayConfig, RobotConfig, RunConfig
+from benchmark.config import RobotConfig, RunConfig
+from benchmark.replay import ReplayConfig
 from benchmark.results import COLUMNS, read_episodes, row_hash, store_episodes
 from benchmark.rollout import play
 from benchmark.run import checkpoint_folder, make_rollout

@@ -8,8 +8,7 @@ from lerobot.configs import FeatureType, PolicyFeature
 from rich.console import Console
 
 from benchmark.command import SettingError
-from benchmark.config import ResponseConfig
-from benchmark.response import SCALES, Observations, draw, main, markdown, observe, place, response_rows
+from benchmark.response import SCALES, Observations, ResponseConfig, draw, main, markdown, observe, place, response_rows
 from policies.configuration_guided_push import GuidedPushConfig
 from policies.modeling_guided_push import GuidedPushPolicy
 

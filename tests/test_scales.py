@@ -7,8 +7,9 @@ from PIL import Image
 
 from benchmark import field_sensitivity, rollout, scales
 from benchmark.command import SettingError
-from benchmark.config import RobotConfig, ScalesConfig
+from benchmark.config import RobotConfig
 from benchmark.results import Condition, Episode, read_episodes
+from benchmark.scales import ScalesConfig
 from envs.outcome import EpisodeOutcome
 from policies.methods import METHODS
 

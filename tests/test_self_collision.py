@@ -3,8 +3,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from benchmark.config import SelfCollisionConfig
-from benchmark.self_collision import LET_THROUGH, REJECTED, main
+from benchmark.self_collision import LET_THROUGH, REJECTED, SelfCollisionConfig, main
 from richmap.robots import ROBOTS, load_robot
 
 COMMITTED = Path(__file__).parents[1] / "results" / "self_collision.parquet"

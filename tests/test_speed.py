@@ -2,9 +2,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from benchmark.config import SpeedConfig
 from benchmark.outputs import store_rows
-from benchmark.speed import KEY, least_seconds, markdown, mmd_speeds, poses_in_reach, query_speeds
+from benchmark.speed import KEY, SpeedConfig, least_seconds, markdown, mmd_speeds, poses_in_reach, query_speeds
 from richmap.grid import Grid
 from richmap.similarity import direction_moments
 

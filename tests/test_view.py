@@ -8,7 +8,8 @@ import trimesh
 
 from benchmark import build_maps, view
 from benchmark.command import SettingError
-from benchmark.config import RobotConfig, ViewConfig
+from benchmark.config import RobotConfig
+from benchmark.view import ViewConfig
 from richmap.grid import Grid
 from richmap.kinematics import flange_frames
 from richmap.robots import load_robot
