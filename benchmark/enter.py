@@ -49,8 +49,8 @@ class EnterConfig:
     """Folder in which a folder of the entry's name gets episodes.parquet and entry.yaml."""
     device: str = "auto"
     """Where the policy runs: cpu, cuda, or auto (cuda if there is one)."""
-    slots: int = 10
-    """Rows of the batch in which the policy is evaluated (see benchmark.run); a whole number >= 1."""
+    slots: int = 50
+    """Rows of the batch in which the policy is evaluated (see benchmark.run); those it is compared with have 50."""
     workers: int = 2
     """Processes that roll out or sample; results do not depend on it. A whole number >= 1."""
     map: MapConfig = field(default_factory=MapConfig)

@@ -43,7 +43,7 @@ MOST_SAMPLES = 32
 COLLAPSE = 0.5
 """A method's sweep ends when its p2 falls below this part of direct transfer's."""
 
-EPISODE_SECONDS = 1.4
+EPISODE_SECONDS = 0.3
 """About what an episode on a UR3, where many last long, takes on one core; for the budget."""
 
 ARM = ["robot", "setting", "base", "branch", "self_collision", "orientation_weight", "sampler", "sampling_steps"]
@@ -64,7 +64,7 @@ class ScalesConfig:
     """Training seeds, whole numbers >= 0; one checkpoint of each is rolled out."""
     checkpoint: int = 1
     """Which of each seed's checkpoints, by rank on the validation episodes, from 1."""
-    episodes: int = 100
+    episodes: int = 50
     """Number of episodes per scale and checkpoint; a whole number >= 1. The same ones for all."""
     seed_start: int = 50_000
     """Seed of the first episode: choices are made on validation episodes, 50000 to 59999."""
@@ -78,7 +78,7 @@ class ScalesConfig:
     """Sampler of the diffusion policy: DDIM or DDPM."""
     sampling_steps: int = 10
     """Denoising steps per action chunk; a whole number from 1 to 100."""
-    slots: int = 10
+    slots: int = 50
     """Rows of the batch in which the policy is evaluated (see benchmark.run); a whole number >= 1."""
     workers: int = 2
     """Processes that roll out or sample; results do not depend on it. A whole number >= 1."""
