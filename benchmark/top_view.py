@@ -114,8 +114,10 @@ def top_view_figure(drawn: "list[tuple[ArmSetting, SimilarityGrid, EnergyField]]
         below.set_title(f"{arm.robot.upper()}: ‖∇E‖, arrows uphill")
     figure.colorbar(image, ax=panels[0], label="MMD, unitless", shrink=0.8)
     figure.colorbar(mesh, ax=panels[1], label="‖∇E‖ [1/m]", shrink=0.8)
-    figure.supxlabel("x [m]", x=0.45)
-    figure.supylabel("y [m]")
+    for row in panels:
+        row[0].set_ylabel("y [m]")
+    for below in panels[1]:
+        below.set_xlabel("x [m]")
     greys = [Patch(color=c, label=f"only {who} reaches") for c, who in (("0.62", SOURCE), ("0.8", "the target arm"))]
     handles, _ = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles=[*handles, *greys], loc="outside lower center", ncol=4, fontsize=8, frameon=False)
@@ -139,6 +141,7 @@ def _slope(energy: "EnergyField", height: float) -> tuple[np.ndarray, np.ndarray
 def _annotate(ax: "Axes", arm: "ArmSetting") -> None:
     """Base, table, places of blocks and targets, and the paper's dangerous rectangle in both readings."""
     from matplotlib.patches import Rectangle
+    from matplotlib.patheffects import withStroke
 
     from envs.outcome import RECTANGLE_A, RECTANGLE_B
     from envs.success import SUCCESS_RADIUS
@@ -149,7 +152,8 @@ def _annotate(ax: "Axes", arm: "ArmSetting") -> None:
         ax.add_patch(Rectangle((x, y), far - x, left - y, fill=False, label=label, **style))
 
     ax.plot(*arm.base[:2], "o", color="black", label="base")
-    rectangle(WORKSPACE, "table", edgecolor="white", linestyle="--", linewidth=1.6)
+    seen = [withStroke(linewidth=2.4, foreground="black")]  # Also on the white of the legend.
+    rectangle(WORKSPACE, "table", edgecolor="white", linewidth=1.2, path_effects=seen)
     rectangle(BLOCKS, "blocks start", edgecolor="tab:orange", linestyle=":", linewidth=1.8)
     for colour, (x, y) in TARGETS.items():
         half = SUCCESS_RADIUS  # Of the circle; the square is drawn about it.
