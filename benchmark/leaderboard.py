@@ -163,7 +163,7 @@ def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol) -> d
     policies = group.checkpoint.nunique() if first.entry_hash else protocol.policies
     row = first[[*ARM, *GUIDANCE, *SAMPLING, "code_version"]].to_dict() | {
         "entry": bool(first.entry_hash),
-        "commit": ", ".join(sorted(group.commit.unique())),
+        "commits": sorted(group.commit.unique()),
         "n": len(group),
         "episodes": group.episode_seed.nunique(),
         "complete": len(group) == protocol.episodes * policies,

@@ -34,7 +34,7 @@ def page(tables: "dict[Protocol, pd.DataFrame]", figures: Path) -> str:
         for row in json.loads(table.to_json(orient="records", double_precision=6))
     ]
     versions = sorted({row["code_version"] for row in rows})
-    commits = sorted({row["commit"] for row in rows})
+    commits = sorted({commit for row in rows for commit in row["commits"]})
     data = {
         "rows": rows,
         "protocols": {

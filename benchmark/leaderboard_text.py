@@ -1,5 +1,6 @@
 """The leaderboard as a document."""
 
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import pandas as pd
@@ -93,7 +94,7 @@ def arm_text(rows: pd.DataFrame) -> str:
     oracles = [f"{role}: {oracle_text(first[role])}" for role in ("reference", "ceiling")]
     return (
         f"Base {first.base} m, wrist {first.branch}, {binding} binding; code {first.code_version}, commit "
-        f"{', '.join(sorted(set(rows.commit)))}. p2 of the {'; of the '.join(oracles)}."
+        f"{', '.join(sorted({*chain(*rows.commits)}))}. p2 of the {'; of the '.join(oracles)}."
     )
 
 

@@ -5,6 +5,7 @@ python -m benchmark.prediction
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -329,7 +330,7 @@ def prediction_figure(drawn: "dict[tuple[str, str], pd.DataFrame]") -> "Figure":
             ax.set(title=f"{robot}, {setting}", ylim=(-2, 102))
         line[0].set_ylabel("p2 [%]")
     for ax, text in zip(panels[-1], PREDICTORS.values(), strict=True):
-        ax.set_xlabel(text.split(",")[0], fontsize="small")
+        ax.set_xlabel(fill(text.split(",")[0], 32), fontsize="small")
     figure.suptitle(f"Direct transfer against what the {SOURCE}'s path in the same scene meets, tenths of the scenes")
     return figure
 
