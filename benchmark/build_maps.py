@@ -187,12 +187,14 @@ class MapProgress:
     """Live state of a build: the insertion rate falls towards the threshold, and with it the time left."""
 
     def __init__(self, robot: str, config: MapConfig, console: Console) -> None:
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+        from benchmark.progress import SpokenProgress
 
         self.seconds = 0.0
         """What the build took so far, in [s]."""
         self._stop_rate, self._target = config.stop_rate, config.target
-        self._progress = Progress(
+        self._progress = SpokenProgress(
             TextColumn("Map of {task.fields[robot]}"),
             BarColumn(),
             TextColumn("insertion rate {task.fields[rate]:.2%} of {task.fields[stop]:.2%}"),

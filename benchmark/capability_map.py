@@ -86,10 +86,12 @@ class CapabilityBar:
     """Live state of a build: the insertion rate falls towards its threshold, and the count rises to its target."""
 
     def __init__(self, robot: str, stop_rate: float, target: int, console: "Console") -> None:
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+        from benchmark.progress import SpokenProgress
 
         self._stop_rate, self._target = stop_rate, target
-        self._progress = Progress(
+        self._progress = SpokenProgress(
             TextColumn(f"Capability map of {robot}"),
             BarColumn(),
             TextColumn("insertion rate {task.fields[rate]:.2%}"),

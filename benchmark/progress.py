@@ -1,19 +1,50 @@
 """The progress bar that every long stage shows."""
 
+from time import monotonic
+
 from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
+    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
 
+SAY_EVERY = 60.0
+"""Time between two lines where there is no terminal, in [s]."""
 
-def progress_bar(console: Console | None = None, period: float = 30.0) -> Progress:
+
+class SpokenProgress(Progress):
+    """Rich's progress, which without a terminal, where no bar can move, says a line a minute instead."""
+
+    def __init__(self, *columns: ProgressColumn, **settings: object) -> None:
+        super().__init__(*columns, **settings)
+        self._said = monotonic()
+
+    def update(self, task_id: TaskID, **changes: object) -> None:
+        super().update(task_id, **changes)
+        self._say(task_id)
+
+    def advance(self, task_id: TaskID, advance: float = 1) -> None:
+        super().advance(task_id, advance)
+        self._say(task_id)
+
+    def _say(self, task_id: TaskID) -> None:
+        if self.console.is_terminal or monotonic() - self._said < SAY_EVERY:
+            return
+        self._said, task = monotonic(), self._tasks[task_id]
+        texts = [column(task) for column in self.columns if isinstance(column, (TextColumn, MofNCompleteColumn))]
+        left = "" if task.time_remaining is None else f", about {task.time_remaining / 60:.0f} min left"
+        self.console.print(" ".join(map(str, texts)) + left, soft_wrap=True, markup=False)
+
+
+def progress_bar(console: Console | None = None, period: float = 30.0) -> SpokenProgress:
     """A bar with count, time used and time left, which is that at the speed of the last `period` seconds."""
-    return Progress(
+    return SpokenProgress(
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),

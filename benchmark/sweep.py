@@ -37,8 +37,6 @@ if TYPE_CHECKING:
 
 LOOK_EVERY = 20.0
 """How often the tables are counted, in [s]."""
-SAY_EVERY = 60.0
-"""How often a line is printed where there is no terminal to draw a bar in, in [s]."""
 
 MOST_FAILED = 20
 """How many failed jobs are printed one by one."""
@@ -245,16 +243,11 @@ def progress(jobs: dict[Job, int], folder: Path, console: Console) -> Iterator[N
 
     def watch() -> None:
         with progress_bar(console, period=3600) as bar:
-            bar.add_task("Sweep", total=total, completed=count())
-            (task,), said = bar.tasks, 0.0
+            task = bar.add_task("Sweep", total=total, completed=count())
             while not over.wait(LOOK_EVERY):
                 failed = len(list(folder.glob("failed/*")))
-                bar.update(task.id, completed=count(), description=f"Sweep, {failed} failed" if failed else "Sweep")
-                if not console.is_terminal and task.elapsed - said >= SAY_EVERY:
-                    said, left = task.elapsed, task.time_remaining
-                    left = "" if left is None else f", about {left / 60:.0f} min left"
-                    console.print(f"{task.completed} of {total} episodes{left}; {failed} jobs failed", soft_wrap=True)
-            bar.update(task.id, completed=count())
+                bar.update(task, completed=count(), description=f"Sweep, {failed} jobs failed" if failed else "Sweep")
+            bar.update(task, completed=count())
 
     thread = threading.Thread(target=watch, daemon=True)
     thread.start()

@@ -1,0 +1,24 @@
+from io import StringIO
+
+import pytest
+from rich.console import Console
+
+from benchmark import progress
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_a_line_is_said_now_and_then_where_no_bar_can_move(terminal, monkeypatch):
+    monkeypatch.setattr(progress, "SAY_EVERY", 60.0)
+    now = [0.0]
+    monkeypatch.setattr(progress, "monotonic", lambda: now[0])
+    said = StringIO()
+    with progress.progress_bar(Console(file=said, force_terminal=terminal, width=200)) as bar:
+        task = bar.add_task("Test poses of panda", total=10)
+        before = said.getvalue().count("Test poses")
+        for now[0] in (30.0, 61.0, 90.0, 122.0):
+            bar.advance(task, 2)
+        lines = [line.split(", about ")[0] for line in said.getvalue().splitlines()]
+    if terminal:
+        assert "Test poses of panda  4/10" not in lines
+    else:
+        assert before == 0 and lines == ["Test poses of panda  4/10", "Test poses of panda  8/10"]
