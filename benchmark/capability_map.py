@@ -3,13 +3,13 @@
 python -m benchmark.capability_map robot=panda
 """
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from benchmark.command import run_command
-from benchmark.config import CapabilityMapConfig
+from benchmark.command import check_setting, run_command
+from benchmark.config import RobotConfig
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -20,6 +20,48 @@ if TYPE_CHECKING:
 
 PAPER_INSERTED = {"panda": 10_700_000, "iiwa7": 9_800_000, "ur5e": 16_400_000, "gen3": 9_100_000}
 """Orientations in the paper's capability maps (RichMap, Table 1), at cells of 0.05 m and theta = 0.4 rad."""
+
+
+@dataclass
+class CapabilityMapConfig:
+    """Builds an arm's capability map, which holds full orientations; it is cached."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
+    cell_size: float = 0.05
+    """Edge of a cubic cell, in m, above 0."""
+    theta: float = 0.4
+    """Least angle between two orientations of a cell, in rad, above 0."""
+    half_width: float = 1.0
+    """The grid spans this far from the base along x and y, and up and down, in m, above 0."""
+    z_offset: float = 0.2
+    """How much the grid is raised against the base, in m."""
+    stop_rate: float = 0.005
+    """Building stops when a draw brings less than this fraction of new orientations; between 0 and 1."""
+    target: int | None = None
+    """Building also stops at so many orientations; 0 for no such target, null for the paper's count where it has one
+    (panda, iiwa7, ur5e, gen3)."""
+    draw: int = 8192
+    """Configurations that a worker draws at once; 1 or more."""
+    turns: int = 64
+    """Angles of joint 1 that each configuration is used at (orbit sampling); a power of two, 1 for plain sampling."""
+    seed: int = 0
+    """Seed of the samples; a whole number >= 0."""
+    workers: int = 2
+    """Processes that sample; the map does not depend on it. A whole number >= 1."""
+
+    def __post_init__(self) -> None:
+        half_width = self.half_width
+        check_setting(0 < half_width <= 10, "half_width", half_width, "a number above 0 and at most 10")
+        check_setting(0 < self.cell_size <= half_width / 4, "cell_size", self.cell_size, "up to half_width / 4")
+        check_setting(0.1 <= self.theta <= 3, "theta", self.theta, "a number from 0.1 to 3")
+        check_setting(abs(self.z_offset) <= 10, "z_offset", self.z_offset, "a number from -10 to 10")
+        check_setting(0 < self.stop_rate < 1, "stop_rate", self.stop_rate, "a number between 0 and 1")
+        check_setting((self.target or 0) >= 0, "target", self.target, "a whole number >= 0, null")
+        check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
+        for name in ("draw", "turns", "workers"):
+            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_setting(self.turns.bit_count() == 1, "turns", self.turns, "a power of two")
 
 
 def main(config: CapabilityMapConfig) -> None:

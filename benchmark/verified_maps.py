@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.config import CapabilityMapConfig, VerifyMapsConfig
+from benchmark.config import VerifyMapsConfig
 
 if TYPE_CHECKING:
     import numpy as np
@@ -111,7 +111,7 @@ def rm4d(robot: "RobotDescription", config: VerifyMapsConfig, console: "Console"
 
 def capability_map(robot: "RobotDescription", config: VerifyMapsConfig, console: "Console") -> Iterator[VerifiedMap]:
     """The capability map, as many orientations as the paper's."""
-    from benchmark.capability_map import capability_map
+    from benchmark.capability_map import CapabilityMapConfig, capability_map
     from benchmark.poses import paper_z_offset
 
     settings = CapabilityMapConfig(config.robot, z_offset=paper_z_offset(robot), workers=config.workers)

@@ -13,8 +13,9 @@ from benchmark.ablation import AblationConfig
 from benchmark.approximate_ik import ApproximateIkConfig
 from benchmark.arms import ArmsConfig
 from benchmark.build_maps import BuildMapsConfig
+from benchmark.capability_map import CapabilityMapConfig
 from benchmark.collect import CollectConfig
-from benchmark.config import CapabilityMapConfig, OracleConfig, RunConfig, VerifyMapsConfig
+from benchmark.config import OracleConfig, RunConfig, VerifyMapsConfig
 from benchmark.dashboard import DashboardConfig
 from benchmark.enter import EnterConfig
 from benchmark.environment_speed import EnvironmentSpeedConfig
