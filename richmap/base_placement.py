@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from richmap.pose_queries import check_poses
+from richmap.checked_poses import finite_poses
 from richmap.reachability_map import ReachabilityMap
 
 QUERIES = 1 << 21
@@ -59,10 +59,10 @@ def place_base(
         margin: How far from the edge of the reach a pose should be, in [m]; 0 scores the poses alone.
 
     Raises:
-        ValueError: If the poses are no poses (`check_poses`), there is no pose or no candidate, or the margin is
+        ValueError: If the poses are no poses (`finite_poses`), there is no pose or no candidate, or the margin is
             negative.
     """
-    check_poses(positions, directions)
+    positions, directions = finite_poses(positions, directions)
     if len(positions) == 0 or len(bases) == 0:
         raise ValueError(f"Placing a base needs poses and candidates. Got {len(positions)} and {len(bases)}.")
     if not 0 <= margin < np.inf:

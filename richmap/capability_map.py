@@ -11,7 +11,8 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
-from richmap.files import check_robot, load_arrays, save_arrays
+from richmap.checked_poses import checked_poses
+from richmap.files import check_robot, reading, save_arrays
 from richmap.grid import Grid
 from richmap.robot import RobotDescription
 from richmap.rotations import quaternions_of
@@ -132,6 +133,7 @@ class CapabilityMap:
             positions: Flange positions in the base frame, in [m].
             rotations: Flange orientations in the base frame; columns are the flange's axes.
         """
+        positions, _ = checked_poses(positions, rotations[..., 2])
         squared = np.float32(np.cos(self.construction.theta / 2) ** 2)
         cells = self.grid.cells_of(positions)
         return _any_near(cells, quaternions_of(rotations), self.start, self.quaternions.T, squared)
@@ -149,6 +151,7 @@ class CapabilityMap:
             Row of `quaternions` and `joints` (-1 where the cell is empty or outside the grid), and the angle to it in
             [rad] (pi where there is none).
         """
+        positions, _ = checked_poses(positions, rotations[..., 2])
         cells = self.grid.cells_of(positions)
         row, squared = _nearest(cells, quaternions_of(rotations), self.start, self.quaternions.T)
         return row, np.where(row >= 0, 2 * np.arccos(np.sqrt(np.clip(squared, 0, 1))), np.pi)
@@ -164,7 +167,7 @@ class CapabilityMap:
         save_arrays(path, KIND, VERSION, arrays, about)
 
     @classmethod
-    def load(cls, path: Path, robot: RobotDescription | None = None) -> "CapabilityMap":
+    def load(cls, path: Path | str, robot: RobotDescription | None = None) -> "CapabilityMap":
         """Read a map.
 
         Args:
@@ -174,17 +177,17 @@ class CapabilityMap:
         Raises:
             FileRefusedError: If the file is cut short or damaged, is no map, or has another version or another robot.
         """
-        arrays, about = load_arrays(path, KIND, VERSION)
-        construction = CapabilityConstruction(**json.loads(about["construction"]))
-        check_robot(path, construction.robot, construction.robot_fingerprint, robot)
-        return cls(
-            Grid.from_dict(json.loads(about["grid"])),
-            arrays["start"],
-            arrays["quaternions"].T,
-            arrays["joints"],
-            arrays["limits"],
-            construction,
-        )
+        with reading(path, KIND, VERSION) as (arrays, about):
+            construction = CapabilityConstruction(**json.loads(about["construction"]))
+            check_robot(path, construction.robot, construction.robot_fingerprint, robot)
+            return cls(
+                Grid.from_dict(json.loads(about["grid"])),
+                arrays["start"],
+                arrays["quaternions"].T,
+                arrays["joints"],
+                arrays["limits"],
+                construction,
+            )
 
 
 @numba.njit(cache=True, inline="always", fastmath=True)

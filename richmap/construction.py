@@ -60,7 +60,7 @@ def build_map(
     workers: int = 2,
     report: Callable[[BuildProgress], None] = lambda progress: None,
 ) -> ReachabilityMap:
-    """Build a robot's map until it holds `construction.target` directions or brings less than `stop_rate` new ones.
+    """Build a robot's map until it holds `construction.target` directions or a batch brings too little that is new.
 
     RichMap, Algorithm 1. Draw i comes from the seed (construction.seed, i, DRAW), draws are inserted in order: the map
     is the same byte for byte whatever the number of workers, and whether or not the build was interrupted: what a
@@ -70,7 +70,7 @@ def build_map(
         robot: The arm.
         grid: Cells in the arm's base frame.
         construction: Settings; what was reached is filled in.
-        folder: Where the state is kept. A build with another `stop_rate` or `target` may go on from it.
+        folder: Where the state is kept. A build with another `stop_rate`, or a higher `target`, goes on from it.
         workers: Sampling processes.
         report: Called after each batch.
 
@@ -87,7 +87,8 @@ def build_map(
             _check_room(folder)
             reached = _insert_batch(inserter, draws, reached)
             seconds = perf_counter() - begin
-            _commit(folder, inserter, reached, seconds)
+            if not _at_target(reached, inserter.inserted):  # A batch cut short is not one to go on from.
+                _commit(folder, inserter, reached, seconds)
             report(
                 BuildProgress(
                     inserter.inserted,
@@ -166,7 +167,11 @@ def _check_room(folder: Path) -> None:
 
 
 def _done(reached: Construction, inserted: int) -> bool:
-    return reached.batch_rate < reached.stop_rate or 0 < reached.target <= inserted
+    return reached.batch_rate < reached.stop_rate or _at_target(reached, inserted)
+
+
+def _at_target(reached: Construction, inserted: int) -> bool:
+    return inserted == reached.target > 0
 
 
 def _insert_batch(inserter: Inserter, draws: Iterator[Orbits], reached: Construction) -> Construction:
@@ -175,6 +180,8 @@ def _insert_batch(inserter: Inserter, draws: Iterator[Orbits], reached: Construc
     first_offered = first_inserted = 0
     size, drawn = min(ceil(0.1 / reached.batch_rate), 16), 0
     while drawn < size or inserter.offered - offered < LEAST_OFFERED:
+        if _at_target(reached, inserter.inserted):
+            break
         drawn += 1
         if drawn > size + 1000 and inserter.offered == offered:
             raise ValueError(
@@ -182,7 +189,7 @@ def _insert_batch(inserter: Inserter, draws: Iterator[Orbits], reached: Construc
                 f"{inserter.grid}. Move the grid (z_offset), make it larger, or look at the collision shapes."
             )
         orbits = next(draws)
-        stored = inserter.insert(orbits)
+        stored = inserter.insert(orbits, reached.target)
         first_offered += int((inserter.grid.cells_of(orbits.position) >= 0).sum())
         first_inserted += int(stored[:, 0].sum())
     return replace(
@@ -219,6 +226,8 @@ def _resume(folder: Path, inserter: Inserter, construction: Construction) -> tup
     state = json.loads(file.read_text())
     if state["of"] != _identity(inserter.grid, construction):
         raise FileRefusedError(f"{folder} holds the state of another build ({state['of']}). Delete it or name another.")
+    if 0 < construction.target < state["inserted"]:
+        return construction, 0.0  # It went too far; this build begins anew.
     reached = Construction.from_dict(state["reached"])
     inserter.resume(state["inserted"], reached.offered)
     return replace(reached, stop_rate=construction.stop_rate, target=construction.target), state["seconds"]

@@ -10,9 +10,10 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
+from richmap.checked_poses import checked_poses
 from richmap.direction_index import EMPTY, DirectionIndex, any_within, cell_of, runs_within
 from richmap.directions import WARP, bin_corners
-from richmap.files import load_arrays, save_arrays
+from richmap.files import reading, save_arrays
 from richmap.grid import Grid
 
 KIND, VERSION = "richmap.CoverageBitmap", 1
@@ -88,13 +89,18 @@ class CoverageBitmap:
         Args:
             positions: In the map's frame, in [m].
             directions: Unit vectors in the map's frame.
+
+        Raises:
+            ValueError: If the shapes are not (n, 3), or a direction is no unit vector.
         """
+        positions, directions = checked_poses(positions, directions)
         return _look_up(positions, directions, *self._cells, self.covered, self.bins_per_edge)
 
     def reachable_exactly(
         self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"], index: DirectionIndex
     ) -> Bool[np.ndarray, " n"]:
         """What `index.within(positions, directions, theta)` answers, which is asked in open bins only."""
+        positions, directions = checked_poses(positions, directions)
         directions = directions.astype(np.float32, copy=False)
         cosine = np.float32(np.cos(self.theta))
         return _look_up_exactly(
@@ -114,14 +120,14 @@ class CoverageBitmap:
         save_arrays(path, KIND, VERSION, arrays, about)
 
     @classmethod
-    def load(cls, path: Path) -> "CoverageBitmap":
+    def load(cls, path: Path | str) -> "CoverageBitmap":
         """Read a bitmap.
 
         Raises:
             FileRefusedError: If the file is cut short, is no bitmap, or has another version.
         """
-        arrays, about = load_arrays(path, KIND, VERSION)
-        return cls(Grid.from_dict(json.loads(about["grid"])), float(about["theta"]), int(about["bins"]), **arrays)
+        with reading(path, KIND, VERSION) as (arrays, about):
+            return cls(Grid.from_dict(json.loads(about["grid"])), float(about["theta"]), int(about["bins"]), **arrays)
 
     @property
     def _cells(self):

@@ -8,6 +8,7 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
+from richmap.checked_poses import checked_poses
 from richmap.directions import bin_corners, bin_of
 from richmap.grid import Grid
 
@@ -91,7 +92,11 @@ class DirectionIndex:
         Returns:
             Row of the map (-1 where the cell is empty or outside the grid), and the cosine of the angle to it (-2
             where there is none).
+
+        Raises:
+            ValueError: If the shapes are not (n, 3), or a direction is no unit vector.
         """
+        positions, directions = checked_poses(positions, directions)
         directions = directions.astype(np.float32, copy=False)
         part, cosine = _part_size(len(directions)), np.float32(np.cos(NEAR))
         return _nearest(
@@ -113,6 +118,7 @@ class DirectionIndex:
 
         Nearer is what the `Inserter` takes for it: the cosine in float32 is above that of `angle`.
         """
+        positions, directions = checked_poses(positions, directions)
         directions = directions.astype(np.float32, copy=False)
         part, cosine = _part_size(len(directions)), np.float32(np.cos(angle))
         return _within(positions, directions, part, *self._cells, *self.stored, cosine, *runs_within(angle))

@@ -3,6 +3,8 @@
 import hashlib
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,13 +37,28 @@ def save_arrays(path: Path, kind: str, version: int, arrays: dict[str, np.ndarra
         temporary.unlink(missing_ok=True)
 
 
-def load_arrays(path: Path, kind: str, version: int) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+@contextmanager
+def reading(path: Path | str, kind: str, version: int) -> Iterator[tuple[dict[str, np.ndarray], dict[str, str]]]:
+    """`load_arrays` for whoever makes something of them: a file that lacks what that needs is refused, too."""
+    arrays, about = load_arrays(path, kind, version)
+    try:
+        yield arrays, about
+    except FileRefusedError:
+        raise
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileRefusedError(
+            f"{path} does not hold what {kind} of version {version} does ({error!r}). Delete it and make it again."
+        ) from error
+
+
+def load_arrays(path: Path | str, kind: str, version: int) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     """Map what `save_arrays` wrote into memory, for reading.
 
     Raises:
         FileNotFoundError: If there is no such file.
         FileRefusedError: If the file is cut short or damaged, or is of another kind or version.
     """
+    path = Path(path)
     try:
         with safe_open(path, framework="numpy") as archive:  # refuses a header that does not fit the file's length
             about = archive.metadata() or {}
@@ -72,7 +89,7 @@ def load_arrays(path: Path, kind: str, version: int) -> tuple[dict[str, np.ndarr
     return arrays, about
 
 
-def check_robot(path: Path, name: str, fingerprint: str, robot: "RobotDescription | None") -> None:
+def check_robot(path: Path | str, name: str, fingerprint: str, robot: "RobotDescription | None") -> None:
     """Raise `FileRefusedError` if a file is of another arm than the one that it must be of, if that matters."""
     if robot is not None and robot.fingerprint != fingerprint:
         raise FileRefusedError(

@@ -13,8 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import generate_binary_structure, maximum_filter, minimum_filter
 
+from richmap.checked_poses import checked_poses
 from richmap.collision import self_collision
-from richmap.files import check_robot, load_arrays, save_arrays
+from richmap.files import check_robot, reading, save_arrays
 from richmap.free_samples import free_samples, in_chunks
 from richmap.inverse_kinematics import ANGLE_TOLERANCE, POSITION_TOLERANCE, refine
 from richmap.kinematics import flange_frames
@@ -85,7 +86,11 @@ class FractionMap:
         Args:
             positions: Flange positions in the base frame, in [m].
             directions: Unit approach directions in the base frame.
+
+        Raises:
+            ValueError: If the shapes are not (n, 3), or a direction is no unit vector.
         """
+        positions, directions = checked_poses(positions, directions)
         scores = np.empty(len(positions), dtype=np.float32)
         _interpolate(positions, directions, *self.cells.for_kernels(), self.row, self.hits, scores)
         return scores
@@ -130,7 +135,7 @@ class FractionMap:
         save_arrays(path, KIND, VERSION, {"row": self.row, "hits": self.hits}, about)
 
     @classmethod
-    def load(cls, path: Path, robot: RobotDescription | None = None) -> "FractionMap":
+    def load(cls, path: Path | str, robot: RobotDescription | None = None) -> "FractionMap":
         """Read a map.
 
         Args:
@@ -140,11 +145,11 @@ class FractionMap:
         Raises:
             FileRefusedError: If the file is cut short, is no such map, or has another version or another robot.
         """
-        arrays, about = load_arrays(path, KIND, VERSION)
-        construction = FractionConstruction(**json.loads(about["construction"]))
-        check_robot(path, construction.robot, construction.robot_fingerprint, robot)
-        cells = TurnedCells.from_dict(json.loads(about["cells"]))
-        return cls(cells, **arrays, construction=construction, threshold=float(about["threshold"]))
+        with reading(path, KIND, VERSION) as (arrays, about):
+            construction = FractionConstruction(**json.loads(about["construction"]))
+            check_robot(path, construction.robot, construction.robot_fingerprint, robot)
+            cells = TurnedCells.from_dict(json.loads(about["cells"]))
+            return cls(cells, **arrays, construction=construction, threshold=float(about["threshold"]))
 
 
 @dataclass(frozen=True)

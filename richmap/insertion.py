@@ -96,14 +96,19 @@ class Inserter:
         self._filled[self._slot[:inserted] // self._table.shape[1]] = True
         self._on_device(0, inserted)
 
-    def insert(self, orbits: Orbits) -> Bool[np.ndarray, "n turns"]:
-        """Insert a batch; tells which of its poses were stored. Poses outside the grid never are."""
+    def insert(self, orbits: Orbits, target: int = 0) -> Bool[np.ndarray, "n turns"]:
+        """Insert a batch; tells which of its poses were stored. Poses outside the grid never are.
+
+        Args:
+            orbits: The batch.
+            target: Where to stop, in rows; what of the batch comes after is as if it had not been offered. 0: nowhere.
+        """
         poses = _turned_poses(orbits)
         grid = np.array(self.grid.origin), self.grid.cell_size, np.array(self.grid.shape)
         tables = self._table, *neighbour_bins(self.theta), self._n, self._cosine
         met, cells = self._phase_1.meet(orbits) if self._phase_1 else _meet_stored(*poses, *grid, *tables)
         stored, inserted = _insert_in_order(
-            met, cells, orbits.joints, orbits.way, self._lower, self._step, self._gap, self.inserted,
+            met, cells, orbits.joints, orbits.way, self._lower, self._step, self._gap, self.inserted, target or -1,
             *poses, *tables, self._filled, self._row, self._gaps, self._slot, self._codes, self._joints,
         )  # fmt: skip
         if self._gap:
@@ -237,17 +242,22 @@ def _meet_stored(
 @numba.njit(cache=True, nogil=True)
 @no_type_check
 def _insert_in_order(
-    met, cells, joints, way, lower, step, gap, rows,
+    met, cells, joints, way, lower, step, gap, rows, target,
     position, direction, gap_axis, free, turns,
     table, offsets, neighbours, n, cosine,
     filled, row, gaps, slot, codes, stored_joints,
 ):  # fmt: skip
-    """Phase 2: insert what met nothing, one after the other, unless one before was too near."""
+    """Phase 2: insert what met nothing, one after the other, unless one before was too near.
+
+    From the target on, poses lose their cell: they count as not offered.
+    """
     stored = np.zeros(met.shape, dtype=np.bool_)
     bins = table.shape[1]
     full_turn = 2 * np.pi
     for i in range(met.shape[0]):
         for t in range(met.shape[1]):
+            if rows == target:
+                cells[i, t] = -1
             cell = cells[i, t]
             if cell < 0 or met[i, t] >= 0:
                 continue

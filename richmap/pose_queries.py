@@ -7,6 +7,7 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from richmap.checked_poses import finite_poses
 from richmap.reachability_map import ReachabilityMap
 
 
@@ -31,9 +32,9 @@ def filter_grasps(
         in direction: a seed for inverse kinematics.
 
     Raises:
-        ValueError: If the poses are no poses (`check_poses`).
+        ValueError: If the poses are no poses (`finite_poses`).
     """
-    check_poses(positions, directions)
+    positions, directions = finite_poses(positions, directions)
     row, angle = robot_map.nearest(positions, directions)
     reachable = angle < robot_map.construction.theta
     return reachable, robot_map.configurations(row[reachable])
@@ -68,9 +69,9 @@ def reach_along_path(
         directions: Unit approach directions there.
 
     Raises:
-        ValueError: If the poses are no poses (`check_poses`).
+        ValueError: If the poses are no poses (`finite_poses`).
     """
-    check_poses(positions, directions)
+    positions, directions = finite_poses(positions, directions)
     reachable = robot_map.reachable(positions, directions)
     edges = np.flatnonzero(np.diff(reachable, prepend=False, append=False))  # Stretches begin and end in turn.
     starts, stops = edges[::2], edges[1::2]
@@ -120,9 +121,9 @@ def nearest_poses(
         metres_per_radian: How many metres of distance weigh as much as a radian of angle; above 0.
 
     Raises:
-        ValueError: If the poses are no poses (`check_poses`), the weight is not above 0 or the map is empty.
+        ValueError: If the poses are no poses (`finite_poses`), the weight is not above 0 or the map is empty.
     """
-    check_poses(positions, directions)
+    positions, directions = finite_poses(positions, directions)
     if not 0 < metres_per_radian < np.inf:
         raise ValueError(f"metres_per_radian must be above 0. Got {metres_per_radian}.")
     if robot_map.inserted == 0:
@@ -138,20 +139,6 @@ def nearest_poses(
     index = np.stack(np.unravel_index(cell, grid.shape), axis=1)
     centre = np.array(grid.origin) + grid.cell_size * (index + 0.5)
     return NearestPoses(row, centre, robot_map.directions[row], distance, angle)
-
-
-def check_poses(positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "m 3"]) -> None:
-    """Raise `ValueError` unless each position has a direction, all is finite and directions have unit length."""
-    if len(positions) != len(directions):
-        raise ValueError(f"Every pose needs a position and a direction. Got {len(positions)} and {len(directions)}.")
-    if not np.isfinite(positions).all():
-        raise ValueError("Positions must be finite, in m. Leave out poses that hold NaN or infinity.")
-    length = np.linalg.norm(directions, axis=1)
-    wrong = np.flatnonzero(~(np.abs(length - 1) < 1e-3))
-    if len(wrong):
-        raise ValueError(
-            f"Directions must have unit length; number {wrong[0]} has length {length[wrong[0]]:.6g}. Divide by it."
-        )
 
 
 @numba.njit(cache=True, parallel=True, nogil=True)

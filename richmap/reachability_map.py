@@ -12,8 +12,9 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
+from richmap.checked_poses import checked_poses
 from richmap.direction_index import DirectionIndex
-from richmap.files import check_robot, load_arrays, save_arrays
+from richmap.files import check_robot, reading, save_arrays
 from richmap.grid import Grid
 from richmap.insertion import FULL_CIRCLE, roll_about
 from richmap.robot import RobotDescription
@@ -170,6 +171,9 @@ class ReachabilityMap:
         Returns:
             Row of `directions` and `joints` (-1 where the cell is empty or outside the grid), and the angle to it in
             [rad] (pi where there is none).
+
+        Raises:
+            ValueError: If the shapes are not (n, 3), or a direction is no unit vector.
         """
         row, cosine = self._index.nearest(positions, directions)
         return row, np.where(row >= 0, np.arccos(np.clip(cosine, -1, 1)), np.pi)
@@ -194,10 +198,11 @@ class ReachabilityMap:
             rotations: Flange orientations in the base frame (columns: its axes).
 
         Raises:
-            ValueError: If rolls are not tracked on this arm.
+            ValueError: If rolls are not tracked on this arm, or the poses are no poses (`checked_poses`).
         """
         self._check_rolls()
-        row, cosine = self._index.nearest(positions, rotations[:, :, 2])
+        positions, directions = checked_poses(positions, rotations[..., 2])
+        row, cosine = self._index.nearest(positions, directions)
         near = cosine > np.float32(np.cos(self.construction.theta))
         answer = np.where(near, Reach.REACHABLE, Reach.UNREACHABLE)
         answer[self.grid.cells_of(positions) < 0] = Reach.OUTSIDE
@@ -230,7 +235,7 @@ class ReachabilityMap:
         save_arrays(path, KIND, VERSION, self._arrays(), about)
 
     @classmethod
-    def load(cls, path: Path, robot: RobotDescription | None = None) -> "ReachabilityMap":
+    def load(cls, path: Path | str, robot: RobotDescription | None = None) -> "ReachabilityMap":
         """Map a file into memory.
 
         Args:
@@ -240,16 +245,16 @@ class ReachabilityMap:
         Raises:
             FileRefusedError: If the file is cut short or damaged, is no map, or has another version or another robot.
         """
-        arrays, about = load_arrays(path, KIND, VERSION)
-        construction = Construction.from_dict(json.loads(about["construction"]))
-        check_robot(path, construction.robot, construction.robot_fingerprint, robot)
-        return cls(
-            Grid.from_dict(json.loads(about["grid"])),
-            gaps=arrays.pop("gaps", None),
-            rolls_tracked=json.loads(about["rolls_tracked"]),
-            construction=construction,
-            **arrays,
-        )
+        with reading(path, KIND, VERSION) as (arrays, about):
+            construction = Construction.from_dict(json.loads(about["construction"]))
+            check_robot(path, construction.robot, construction.robot_fingerprint, robot)
+            return cls(
+                Grid.from_dict(json.loads(about["grid"])),
+                gaps=arrays.pop("gaps", None),
+                rolls_tracked=json.loads(about["rolls_tracked"]),
+                construction=construction,
+                **arrays,
+            )
 
 
 @numba.njit(cache=True, parallel=True, nogil=True)

@@ -11,7 +11,8 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float
 
-from richmap.files import check_robot, load_arrays, save_arrays
+from richmap.checked_poses import checked_poses
+from richmap.files import check_robot, reading, save_arrays
 from richmap.free_samples import free_samples
 from richmap.robot import RobotDescription
 from richmap.turned_cells import TurnedCells, cell_of
@@ -60,7 +61,11 @@ class RM4D:
         Args:
             positions: Flange positions in the base frame, in [m].
             directions: Unit approach directions in the base frame.
+
+        Raises:
+            ValueError: If the shapes are not (n, 3), or a direction is no unit vector.
         """
+        positions, directions = checked_poses(positions, directions)
         reachable = np.empty(len(positions), dtype=bool)
         _look_up(positions, directions, *self.cells.for_kernels(), self.hit.reshape(-1), reachable)
         return reachable
@@ -81,7 +86,7 @@ class RM4D:
         save_arrays(path, KIND, VERSION, {"hit": self.hit}, about)
 
     @classmethod
-    def load(cls, path: Path, robot: RobotDescription | None = None) -> "RM4D":
+    def load(cls, path: Path | str, robot: RobotDescription | None = None) -> "RM4D":
         """Read a map.
 
         Args:
@@ -91,10 +96,10 @@ class RM4D:
         Raises:
             FileRefusedError: If the file is cut short, is no such map, or has another version or another robot.
         """
-        arrays, about = load_arrays(path, KIND, VERSION)
-        construction = RM4DConstruction(**json.loads(about["construction"]))
-        check_robot(path, construction.robot, construction.robot_fingerprint, robot)
-        return cls(TurnedCells.from_dict(json.loads(about["cells"])), arrays["hit"], construction)
+        with reading(path, KIND, VERSION) as (arrays, about):
+            construction = RM4DConstruction(**json.loads(about["construction"]))
+            check_robot(path, construction.robot, construction.robot_fingerprint, robot)
+            return cls(TurnedCells.from_dict(json.loads(about["cells"])), arrays["hit"], construction)
 
 
 def build_rm4d(

@@ -144,13 +144,17 @@ if __name__ == "__main__":
 
 def test_a_target_is_reached_and_gone_on_from(coarse_map, tmp_path):
     part = build_map(ROBOT, GRID, coarse(ROBOT, target=5000), tmp_path, workers=1)
-    assert 5000 <= part.inserted < coarse_map.inserted
+    assert part.inserted == 5000 < coarse_map.inserted
+    assert (np.diff(part.start) <= np.diff(coarse_map.start)).all()  # the first ones of the whole map
+    assert part.insertion_rate > 2 * coarse_map.insertion_rate  # what came after is not offered
     whole = build_map(ROBOT, GRID, coarse(ROBOT), tmp_path, workers=1)
     assert whole.content_hash == coarse_map.content_hash
+    again = build_map(ROBOT, GRID, coarse(ROBOT, target=5000), tmp_path, workers=1)  # from a state that went further
+    assert again.content_hash == part.content_hash
 
 
 def test_the_state_of_another_build_is_refused(coarse_map, tmp_path):
-    build_map(ROBOT, GRID, coarse(ROBOT, target=1000), tmp_path, workers=1)
+    build_map(ROBOT, GRID, coarse(ROBOT, stop_rate=0.3), tmp_path, workers=1)
     with pytest.raises(FileRefusedError, match="another build"):
         build_map(ROBOT, GRID, coarse(ROBOT, seed=1), tmp_path, workers=1)
 

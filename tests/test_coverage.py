@@ -103,11 +103,3 @@ def test_a_bitmap_survives_the_file_and_broken_files_are_refused(bitmap, tmp_pat
     file.write_bytes(file.read_bytes()[:-100])
     with pytest.raises(FileRefusedError, match="cut short"):
         CoverageBitmap.load(file)
-
-
-def test_what_is_no_direction_is_not_reachable(stored, bitmap):
-    index = DirectionIndex.build(GRID, *stored)
-    v = np.array([[np.nan, 0, 1], [0, np.nan, np.nan], [np.nan] * 3, [0, 0, 0]], dtype=np.float32)
-    positions = np.tile(GRID.centres()[0], (len(v), 1))
-    assert not index.within(positions, v, THETA).any()
-    bitmap.reachable(positions, v)  # may be wrong of what is no direction, but ends

@@ -5,7 +5,7 @@ import pytest
 
 from richmap.grid import Grid
 from richmap.kinematics import flange_frames
-from richmap.pose_queries import check_poses, filter_grasps, nearest_poses, reach_along_path
+from richmap.pose_queries import filter_grasps, nearest_poses, reach_along_path
 from richmap.robots import load_robot
 
 ROBOT = load_robot("xarm6")
@@ -97,10 +97,8 @@ def test_the_configuration_of_a_nearest_pose_reaches_its_cell(coarse_map):
 
 def test_poses_that_are_none_are_refused(coarse_map):
     positions, directions = random_poses(3)
-    with pytest.raises(ValueError, match="unit length; number 0 has length 2"):
+    with pytest.raises(ValueError, match="unit vectors. Row 0"):
         filter_grasps(coarse_map, positions, 2 * directions)
-    with pytest.raises(ValueError, match="position and a direction. Got 3 and 2"):
-        check_poses(positions, directions[:2])
     with pytest.raises(ValueError, match="finite"):
         reach_along_path(coarse_map, np.full((3, 3), np.nan), directions)
     with pytest.raises(ValueError, match="metres_per_radian must be above 0. Got 0"):
