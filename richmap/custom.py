@@ -1,15 +1,14 @@
 """Any other arm: a URDF or MJCF file with base and flange named, checked for what a map needs."""
 
+import math
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-from richmap.mjcf import urdf_from_mjcf
+from richmap.kinematics import joint_frames
+from richmap.mjcf import LEAST_INERTIA, LEAST_MASS, urdf_from_mjcf
 from richmap.robot import RobotDescription
 from richmap.shape import Shape
 from richmap.urdf import clean_urdf, with_full_turns, with_whole_limits, without_extras
-
-NO_MASS = {"mass": "0.001", "inertia": "1e-6"}
-"""What a moving link without inertia gets, in [kg] and [kg m2], so that MuJoCo takes the arm; maps do not use it."""
 
 
 def custom_robot(path: str | Path, base: str, end_effector: str) -> RobotDescription:
@@ -34,6 +33,8 @@ def custom_robot(path: str | Path, base: str, end_effector: str) -> RobotDescrip
     root = _read(path)
     if root.tag == "mujoco":
         root = ET.fromstring(urdf_from_mjcf(path))
+    _check_names(root, path)
+    _check_numbers(root, path)
     _check_chain(root, path, base, end_effector)
     text = clean_urdf(ET.tostring(root, encoding="unicode"), {}, base, end_effector)
     root = ET.fromstring(without_extras(text))
@@ -43,7 +44,7 @@ def custom_robot(path: str | Path, base: str, end_effector: str) -> RobotDescrip
             mesh.set("filename", str(_mesh_file(mesh.get("filename"), path, link.get("name"))))
         _check_shapes(link, path)
     _add_missing_inertia(root)
-    return RobotDescription(
+    robot = RobotDescription(
         name=f"custom-{path.stem}",
         urdf=with_whole_limits(with_full_turns(ET.tostring(root, encoding="unicode"))),
         base=base,
@@ -51,6 +52,11 @@ def custom_robot(path: str | Path, base: str, end_effector: str) -> RobotDescrip
         source=path.name,
         licence="unknown",
     )
+    try:
+        joint_frames(robot)
+    except ValueError as error:
+        raise ValueError(f"{path} is no URDF that Pinocchio reads: {error}") from error
+    return robot
 
 
 def _read(path: Path) -> ET.Element:
@@ -62,9 +68,45 @@ def _read(path: Path) -> ET.Element:
         raise ValueError(f"{path} is no XML ({error}). Give the path of a URDF or MJCF file.") from error
     if root.tag not in ("robot", "mujoco"):
         raise ValueError(f"{path} begins with <{root.tag}>. A URDF begins with <robot>, an MJCF with <mujoco>.")
-    if path.suffix == ".xacro" or any(element.tag.startswith("{") for element in root.iter()):
+    if path.suffix == ".xacro" or any("xacro}" in element.tag for element in root.iter()):
         raise ValueError(f"{path} has xacro macros. Expand it first: xacro {path.name} > robot.urdf")
     return root
+
+
+def _check_names(root: ET.Element, path: Path) -> None:
+    """Links and joints have names of their own."""
+    for tag in ("link", "joint"):
+        names = [element.get("name") or "" for element in root.findall(tag)]
+        if "" in names:
+            raise ValueError(f"{path.name}: {tag} number {names.index('') + 1} has no name.")
+        double = {name for name in names if names.count(name) > 1}
+        if double:
+            raise ValueError(f"{path.name}: several {tag}s are called {', '.join(sorted(double))}. Rename them.")
+
+
+def _check_numbers(root: ET.Element, path: Path) -> None:
+    """What is a vector or a length holds as many finite numbers as it should, and sizes are above 0."""
+    numbers = {
+        ("origin", "xyz"): 3, ("origin", "rpy"): 3, ("axis", "xyz"): 3, ("mesh", "scale"): 3, ("mass", "value"): 1,
+        ("box", "size"): 3, ("cylinder", "radius"): 1, ("cylinder", "length"): 1, ("sphere", "radius"): 1,
+    }  # fmt: skip
+    for owner in [*root.findall("link"), *root.findall("joint")]:
+        for element in owner.iter():
+            for (tag, name), n in numbers.items():
+                text = element.get(name)
+                if element.tag != tag or text is None:
+                    continue
+                where = f'{path.name}: {owner.tag} {owner.get("name")!r} has <{tag} {name}="{text}">'
+                try:
+                    values = [float(x) for x in text.split()]
+                except ValueError:
+                    values = []
+                if len(values) != n or not all(map(math.isfinite, values)):
+                    raise ValueError(f"{where}. It takes {n} finite {'numbers' if n > 1 else 'number'}.")
+                if name in ("size", "radius", "length") and min(values) <= 0:
+                    raise ValueError(f"{where}. Sizes are above 0 m.")
+                if tag == "axis" and math.hypot(*values) < 1e-6:
+                    raise ValueError(f"{where}, which is no direction.")
 
 
 def _check_chain(root: ET.Element, path: Path, base: str, end_effector: str) -> None:
@@ -149,6 +191,7 @@ def _mesh_file(name: str | None, path: Path, link: str) -> Path:
 
 
 def _add_missing_inertia(root: ET.Element) -> None:
+    """So that MuJoCo takes the arm."""
     moved = {joint.find("child").get("link") for joint in root.findall("joint") if joint.get("type") != "fixed"}
     for link in root.iter("link"):
         mass = link.find("inertial/mass")
@@ -156,8 +199,8 @@ def _add_missing_inertia(root: ET.Element) -> None:
             for empty in link.findall("inertial"):
                 link.remove(empty)
             inertial = ET.SubElement(link, "inertial")
-            ET.SubElement(inertial, "mass", value=NO_MASS["mass"])
-            axes = {f"i{axis}{axis}": NO_MASS["inertia"] for axis in "xyz"}
+            ET.SubElement(inertial, "mass", value=repr(LEAST_MASS))
+            axes = {f"i{axis}{axis}": repr(LEAST_INERTIA) for axis in "xyz"}
             ET.SubElement(inertial, "inertia", ixy="0", ixz="0", iyz="0", **axes)
 
 

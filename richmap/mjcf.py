@@ -11,6 +11,9 @@ _GEOM = mujoco.mjtGeom
 _JOINT_TYPE = {mujoco.mjtJoint.mjJNT_SLIDE: "prismatic", mujoco.mjtJoint.mjJNT_BALL: "floating",
                mujoco.mjtJoint.mjJNT_FREE: "floating"}  # fmt: skip
 
+LEAST_MASS, LEAST_INERTIA = 0.001, 1e-6
+"""Of a moving body, in [kg] and [kg m2]: looks, which are left out, may be all that had any. Maps use neither."""
+
 
 def urdf_from_mjcf(path: Path) -> str:
     """URDF text with the same frames, joints, masses and collision shapes.
@@ -25,6 +28,8 @@ def urdf_from_mjcf(path: Path) -> str:
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         files = _strip_looks(spec, path)
+        spec.compiler.boundmass = max(spec.compiler.boundmass, LEAST_MASS)
+        spec.compiler.boundinertia = max(spec.compiler.boundinertia, LEAST_INERTIA)
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise ValueError(f"{path} is no MJCF that MuJoCo reads: {error}") from error
@@ -80,7 +85,7 @@ def _add_joints(robot: ET.Element, model: mujoco.MjModel, body: int, parent: str
     for joint in joints:
         place = pose @ _pose(model.jnt_pos[joint] - anchor, [1, 0, 0, 0])
         anchor, pose = model.jnt_pos[joint], np.eye(4)
-        joint_name = model.joint(joint).name or f"{name}_joint{joint}"
+        joint_name = _joint_name(model, joint)
         moved = name if joint == joints[-1] and not anchor.any() else f"{joint_name}_anchor"
         kind = _JOINT_TYPE.get(model.jnt_type[joint])
         limited = model.jnt_limited[joint]
@@ -107,13 +112,46 @@ def _add_joint(
     return joint
 
 
+def _joint_name(model: mujoco.MjModel, joint: int) -> str:
+    return model.joint(joint).name or f"{model.body(model.jnt_bodyid[joint]).name}_joint{joint}"
+
+
 def _mark_coupled(robot: ET.Element, model: mujoco.MjModel) -> None:
-    """A joint that an equality constraint ties to another is a mimic joint in URDF."""
-    for i in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT):
-        if model.eq_obj2id[i] >= 0:
-            names = [model.joint(j).name for j in (model.eq_obj1id[i], model.eq_obj2id[i])]
-            joint = next(j for j in robot.iter("joint") if j.get("name") == names[0])
-            ET.SubElement(joint, "mimic", joint=names[1])
+    """Joints that an equality constraint ties to others, or holds, are mimic joints in URDF."""
+    joints = {joint.get("name"): joint for joint in robot.iter("joint")}
+    for i in np.flatnonzero(model.eq_active0):
+        first, second = int(model.eq_obj1id[i]), int(model.eq_obj2id[i])
+        match model.eq_type[i]:
+            case mujoco.mjtEq.mjEQ_JOINT:
+                tied, to = [first], _joint_name(model, second) if second >= 0 else "a constant"
+            case mujoco.mjtEq.mjEQ_TENDON:
+                tied, to = [j for tendon in (first, second) if tendon >= 0 for j in _pulled(model, tendon)], "a tendon"
+            case mujoco.mjtEq.mjEQ_CONNECT | mujoco.mjtEq.mjEQ_WELD:
+                if model.eq_objtype[i] == mujoco.mjtObj.mjOBJ_SITE:
+                    first, second = int(model.site_bodyid[first]), int(model.site_bodyid[second])
+                tied, to = _between(model, first, second), "a closed chain"
+            case _:
+                tied, to = [], ""
+        for joint in tied:
+            ET.SubElement(joints[_joint_name(model, joint)], "mimic", joint=to)
+
+
+def _pulled(model: mujoco.MjModel, tendon: int) -> list[int]:
+    """Joints that a fixed tendon adds up."""
+    wraps = range(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
+    return [int(model.wrap_objid[w]) for w in wraps if model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_JOINT]
+
+
+def _between(model: mujoco.MjModel, first: int, second: int) -> list[int]:
+    """Joints on the way from one body to another; none to a mocap body, which is led by hand."""
+    if max(model.body_mocapid[first], model.body_mocapid[second]) >= 0:
+        return []
+    ways = [[], []]
+    for way, body in zip(ways, (first, second), strict=True):
+        while body > 0:
+            way.append(body)
+            body = int(model.body_parentid[body])
+    return [int(j) for body in set(ways[0]) ^ set(ways[1]) for j in np.flatnonzero(model.jnt_bodyid == body)]
 
 
 def _add_inertial(link: ET.Element, model: mujoco.MjModel, body: int) -> None:

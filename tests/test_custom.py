@@ -183,6 +183,14 @@ LIFT = '<limit lower="-2" upper="2.8" effort="1" velocity="1"/><dynamics damping
         ("</robot>", "", "arm.urdf is no XML"),
         ("robot", "sdf", "begins with <sdf>"),
         ('child link="flange"', 'child link="fore"', "link 'fore' hangs on both 'upper' and 'hand': a closed chain"),
+        ('<axis xyz="0 1 0"/><limit lower="-2"', '<axis xyz="0 0 0"/><limit lower="-2"', "'lift' .* no direction"),
+        ('<axis xyz="0 1 0"/><limit lower="-2"', '<axis xyz="0 1"/><limit lower="-2"', "'lift' .* takes 3 finite"),
+        ('<origin xyz="0 0 0.2"/>\n', '<origin xyz="0 nan 0.2"/>\n', "'lift' .* takes 3 finite"),
+        ('box size="0.2 0.3 0.2"', 'box size="0.2 -0.3 0.2"', "'foot' .* above 0 m"),
+        ('<link name="finger"/>', '<link name="finger"/><link name="fore"/>', "several links are called fore"),
+        ('joint name="bend"', 'joint name="lift"', "several joints are called lift"),
+        ('joint name="bend"', "joint", "joint number 4 has no name"),
+        ("<gazebo/>", '<x:macro xmlns:x="http://www.ros.org/wiki/xacro"/>', "has xacro macros"),
         ('child link="flange"', 'child link="ee"', "joint 'tip' names a link 'ee' that is not there"),
     ],
 )
@@ -190,6 +198,12 @@ def test_what_a_description_lacks_is_said(file, old, new, message):
     file.write_text(ARM.replace(old, new))
     with pytest.raises(ValueError, match=message):
         custom_robot(file, "base", "flange")
+
+
+def test_extensions_in_a_namespace_of_their_own_are_no_macros(file):
+    plain = custom_robot(file, "base", "flange")
+    file.write_text(ARM.replace("<gazebo/>", '<gz:sensor xmlns:gz="http://gazebosim.org/schema"/>'))
+    assert custom_robot(file, "base", "flange").fingerprint == plain.fingerprint
 
 
 def test_a_mesh_that_cannot_be_read_is_named(file):

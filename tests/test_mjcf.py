@@ -103,6 +103,18 @@ def test_a_missing_mesh_is_named(file):
         custom_robot(file, "base", "tip")
 
 
+LOOP = '<equality><connect body1="{}" body2="{}" anchor="0 0 0.1"/></equality><worldbody>'
+TENDON = """
+<tendon><fixed name="sum"><joint joint="lift" coef="1"/><joint joint="elbow" coef="1"/></fixed></tendon>
+<equality><tendon tendon1="sum"/></equality>
+<worldbody>
+"""
+FINGERS = """
+<body name="finger" pos="0 0.1 0"><joint name="close" axis="1 0 0" range="0 9"/><geom type="sphere" size="0.01"/>
+<body name="pad" pos="0 0 0.1"><joint axis="1 0 0" range="0 9"/><geom type="sphere" size="0.01"/></body></body>
+"""
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -114,6 +126,10 @@ def test_a_missing_mesh_is_named(file):
         ),
         ('type="sphere" size="0.03"', 'type="ellipsoid" size="1 1 2"', "Body 'wrist' collides by a ellipsoid"),
         ("<worldbody>", '<equality><joint joint1="elbow" joint2="pan"/></equality><worldbody>', "'elbow' mimics 'pan'"),
+        ("<worldbody>", '<equality><joint joint1="elbow"/></equality><worldbody>', "'elbow' mimics 'a constant'"),
+        ("<worldbody>", LOOP.format("base", "wrist"), "mimics 'a closed chain'"),
+        ("<worldbody>", LOOP.format("world", "fore"), "mimics 'a closed chain'"),
+        ("<worldbody>", TENDON, "mimics 'a tendon'"),
         ("<worldbody>", "<wordbody>", "arm.xml is no XML"),
         ('type="sphere"', 'type="spher"', "arm.xml is no MJCF that MuJoCo reads: .*spher"),
     ],
@@ -122,3 +138,20 @@ def test_what_cannot_be_an_arm_is_refused(file, old, new, message):
     file.write_text(ARM.replace(old, new))
     with pytest.raises(ValueError, match=message):
         custom_robot(file, "base", "tip")
+
+
+def test_a_loop_in_the_gripper_leaves_the_arm_as_it_is(file):
+    plain = custom_robot(file, "base", "tip")
+    site = '<site name="tip"'
+    file.write_text(ARM.replace(site, FINGERS + site).replace("<worldbody>", LOOP.format("wrist", "pad")))
+    assert custom_robot(file, "base", "tip").fingerprint == plain.fingerprint
+
+
+def test_bodies_that_are_only_seen_are_moved_along(file):
+    """Of a file whose collision shapes hang elsewhere, or that has none."""
+    looks = '<geom type="sphere" size="0.03" pos="0 0 0.01" contype="0" conaffinity="0"/>'
+    file.write_text(ARM.replace('<geom type="sphere" size="0.03" pos="0 0 0.01"/>', looks))
+    robot = custom_robot(file, "base", "tip")
+    zero = np.zeros((1, 4))
+    file.write_text(ARM)
+    assert flange_frames(robot, zero)[0] == pytest.approx(flange_frames(custom_robot(file, "base", "tip"), zero)[0])
