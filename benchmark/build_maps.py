@@ -14,7 +14,7 @@ from filelock import FileLock
 from rich.console import Console
 
 from benchmark.command import check_setting, run_command
-from benchmark.config import SOURCE, EnergyConfig, MapConfig, RobotConfig
+from benchmark.config import SOURCE, EnergyConfig, MapConfig, RobotConfig, check_folder
 
 if TYPE_CHECKING:
     from richmap.construction import BuildProgress
@@ -32,11 +32,17 @@ class BuildMapsConfig:
     """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
     workers: int = 2
     """Processes that sample; the map does not depend on it. A whole number >= 1."""
+    output: str | None = None
+    """File to which the map is written as well, to be handed on or merged, as in output=panda.safetensors."""
+    with_field: bool = True
+    """Whether the energy field is built, and for it the xArm6's map; a cluster's jobs need the arm's own map alone."""
     map: MapConfig = field(default_factory=MapConfig)
     energy: EnergyConfig = field(default_factory=EnergyConfig)
 
     def __post_init__(self) -> None:
         check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        if self.output is not None:
+            check_folder(str(Path(self.output).parent), "output")
 
 
 def robot_map(
@@ -231,9 +237,15 @@ class MapProgress:
 
 def main(config: BuildMapsConfig) -> None:
     """Build what is missing and say where it is."""
-    console = Console()
-    _, path = energy_field(config.robot.load(), (0.0, 0.0, 0.0), config.map, config.energy, config.workers, console)
-    console.print(f"Energy field: {path}", soft_wrap=True)
+    console, robot, base = Console(), config.robot.load(), (0.0, 0.0, 0.0)
+    if config.with_field:
+        _, path = energy_field(robot, base, config.map, config.energy, config.workers, console)
+        console.print(f"Energy field: {path}", soft_wrap=True)
+    if config.output is not None or not config.with_field:
+        built = robot_map(robot, base, config.map, config.workers, console)
+        if config.output is not None:
+            built.save(Path(config.output))
+            console.print(f"Map: {config.output}", soft_wrap=True)
 
 
 if __name__ == "__main__":

@@ -52,6 +52,7 @@ class MapGrowthConfig:
 
 def main(config: MapGrowthConfig) -> None:
     """Build in steps, score each, and write table and figure."""
+    import pandas as pd
     from rich.console import Console
 
     from benchmark.labels import TEST_SETS

@@ -81,6 +81,7 @@ class SpeedConfig:
 
 def main(config: SpeedConfig) -> None:
     """Measure arm after arm, and store and print the table after each."""
+    import pandas as pd
     from rich.console import Console
 
     from richmap.robots import ROBOTS, load_robot

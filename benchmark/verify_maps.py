@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.command import check_setting, run_command
+from benchmark.command import SettingError, check_setting, run_command
 from benchmark.config import VerifyMapsConfig
 from benchmark.outputs import replacing, store_rows
 from benchmark.verified_maps import MAPS, VerifiedMap
@@ -41,7 +41,10 @@ def main(config: VerifyMapsConfig) -> None:
         check_setting(name in MAPS, "maps", name, ", ".join(MAPS))
     console, output_dir = Console(), Path(config.output_dir)
     robot = config.robot.load()
-    poses = {test_set: label_poses(robot, test_set, config, console) for test_set in TEST_SETS}
+    try:
+        poses = {test_set: label_poses(robot, test_set, config, console) for test_set in TEST_SETS}
+    except ValueError as error:  # An arm too large or too small for the paper's workspace.
+        raise SettingError(str(error)) from error
     for test_set, labelled in poses.items():
         check_labels(robot, test_set, labelled, config, console)
     for verified in _verified_maps(robot, config, console):
@@ -183,18 +186,22 @@ def draw_curves(curves: "pd.DataFrame", table: "pd.DataFrame", folder: Path) -> 
 def half_and_half(labelled: "LabelledPoses", labels: str) -> "np.ndarray":
     """Rows to score: all, unless the set has poses that are reachable by construction, as the paper's has.
 
-    Then a candidate that proves reachable in the sense of these labels has no place in it, and as many of the others
-    stay as there are unreachable ones.
+    Then a candidate that proves reachable in the sense of these labels has no place in it, and of the others as many
+    stay as keep the set's shares.
     """
     import numpy as np
 
+    from benchmark.labels import TEST_SETS
     from benchmark.poses import DRAWS
 
-    drawn = labelled.kind == list(DRAWS).index("reachable")
-    if not drawn.any():
+    kinds, shares = list(DRAWS), TEST_SETS["paper"]
+    reachable = labelled.kind == kinds.index("reachable")
+    if not reachable.any():
         return np.arange(len(labelled))
-    unreachable = np.flatnonzero(~getattr(labelled, labels))
-    return np.sort(np.concatenate([np.flatnonzero(drawn)[: len(unreachable)], unreachable]))
+    fit = reachable == getattr(labelled, labels)
+    rows = {kind: np.flatnonzero(fit & (labelled.kind == kinds.index(kind))) for kind in shares}
+    n = min(len(rows[kind]) / share for kind, share in shares.items())
+    return np.sort(np.concatenate([rows[kind][: round(n * share)] for kind, share in shares.items()]))
 
 
 def scores(predicted: "np.ndarray", truth: "np.ndarray") -> dict[str, float]:

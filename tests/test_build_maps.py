@@ -3,8 +3,8 @@ import dataclasses
 import pytest
 from rich.console import Console
 
-from benchmark import merge_maps
-from benchmark.build_maps import MapProgress, energy_field, robot_map
+from benchmark import build_maps, merge_maps
+from benchmark.build_maps import BuildMapsConfig, MapProgress, energy_field, robot_map
 from benchmark.command import SettingError
 from benchmark.config import EnergyConfig, MapConfig, RobotConfig
 from benchmark.merge_maps import MergeMapsConfig
@@ -74,11 +74,12 @@ def test_a_moved_base_moves_the_field_with_the_arm(cache):
 
 
 def test_maps_of_two_seeds_are_merged_from_their_files(cache, tmp_path):
-    console, robot = Console(quiet=True), load_robot("ur3")
-    for seed in (1, 2):
-        config = dataclasses.replace(COARSE, seed=seed)
-        robot_map(robot, COMMON_BASE, config, 1, console).save(tmp_path / f"{seed}.safetensors")
+    robot = load_robot("ur3")
     inputs = [str(tmp_path / f"{seed}.safetensors") for seed in (1, 2)]
+    for seed, output in enumerate(inputs, start=1):
+        settings = dataclasses.replace(COARSE, seed=seed)
+        build_maps.main(BuildMapsConfig(RobotConfig("ur3"), 1, output, with_field=False, map=settings))
+    assert not list(cache.rglob("xarm6*"))  # whose map only a field needs
     config = MergeMapsConfig(RobotConfig("ur3"), inputs, str(tmp_path / "both.safetensors"))
     merge_maps.main(config)
     parts = [ReachabilityMap.load(tmp_path / f"{seed}.safetensors") for seed in (1, 2)]

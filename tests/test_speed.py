@@ -2,8 +2,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from benchmark.config import MapConfig
 from benchmark.outputs import store_rows
-from benchmark.speed import KEY, SpeedConfig, least_seconds, markdown, mmd_speeds, poses_in_reach, query_speeds
+from benchmark.speed import KEY, SpeedConfig, least_seconds, main, markdown, mmd_speeds, poses_in_reach, query_speeds
 from richmap.grid import Grid
 from richmap.similarity import direction_moments
 
@@ -69,3 +70,21 @@ def test_the_least_time_is_that_of_one_call():
     calls = []
     assert 0 < least_seconds(lambda: calls.append(0), 2) < 0.01
     assert len(calls) > 2
+
+
+def test_the_command_measures_all_parts_of_two_arms_in_one_run(tmp_path):
+    small = MapConfig(cell_size=0.25, theta=0.6, stop_rate=0.3, draw=100, turns=8)
+    config = SpeedConfig(
+        robots=["ur3", "xarm6"], batches=[100], insertion_batches=[200], sampled=50, pairwise_cells=3, threads=[1],
+        repeats=1, device="cpu", workers=1, output_dir=str(tmp_path), map=small,
+    )  # fmt: skip
+    main(config)
+    table = pd.read_parquet(tmp_path / "speed.parquet")
+    names = {"query_bitmap", "query_exact", "query_torch", "insert", "insert_torch", "sample"}
+    for robot in config.robots:
+        assert names <= set(table[table.robot == robot].name)
+    assert {"mmd", "mmd_further", "mmd_pairwise"} <= set(table.name)
+    assert {"name", "robot", "batch", "threads", "value", "unit"} <= set(table) and (
+        table.value[table.unit == "s"] > 0
+    ).all()
+    assert "xarm6" in (tmp_path / "speed.md").read_text()

@@ -6,9 +6,10 @@ import pytest
 from rich.console import Console
 
 from benchmark import verify_maps
-from benchmark.config import VerifyMapsConfig
+from benchmark.config import MapConfig, RobotConfig, VerifyMapsConfig
 from benchmark.labels import LABELS, LabelledPoses
-from benchmark.map_growth import draw, growth
+from benchmark.map_growth import MapGrowthConfig, draw, growth
+from benchmark.map_growth import main as map_growth
 from benchmark.outputs import store_rows
 from benchmark.verify_maps import VerifiedMap, half_and_half, report, scores, verify
 from richmap.robots import load_robot
@@ -51,11 +52,13 @@ def test_every_set_and_label_has_a_row_with_what_is_relied_on(monkeypatch):
 
 def test_the_papers_set_is_half_and_half_under_every_label():
     poses = labelled()
-    kind = np.where(poses.strict, 0, 3).astype(np.uint8)
+    kind = np.where(poses.strict, 0, np.arange(len(poses)) % 5).clip(max=3).astype(np.uint8)  # 0 is reachable
+    kind[~poses.strict & (kind == 0)] = 3
     poses = replace(poses, kind=kind, loose=poses.loose | poses.strict)
     kept = half_and_half(poses, "loose")
-    assert 0 < poses.loose[kept].sum() == (~poses.loose[kept]).sum()
-    assert (kind[kept][poses.loose[kept]] == 0).all() and (~poses.loose).sum() == (~poses.loose[kept]).sum()
+    count = np.bincount(kind[kept], minlength=4)
+    assert poses.loose[kept].sum() == count[0] == pytest.approx(count[1:].sum(), abs=2) and count[0] > 20
+    assert count[1:] / count[1:].sum() == pytest.approx([0.2, 0.2, 0.6], abs=0.02)
     assert len(half_and_half(labelled(), "loose")) == 400
 
 
@@ -97,3 +100,14 @@ def test_labels_are_checked_once(tmp_path, monkeypatch):
     for poses in (labelled(), labelled(), labelled(n=500)):
         verify_maps.check_labels(load_robot("panda"), "hard", poses, config, Console())
     assert len(calls) == 2
+
+
+def test_the_command_follows_an_arms_map_while_it_grows(tmp_path):
+    small = MapConfig(cell_size=0.2, theta=0.4, stop_rate=0.2, draw=100, turns=8)
+    config = MapGrowthConfig(
+        robot=RobotConfig("ur3"), millions=[0.001, 0.002], poses=100, workers=1, output_dir=str(tmp_path), map=small
+    )
+    map_growth(config)
+    table = pd.read_parquet(tmp_path / "map_growth.parquet")
+    assert table.inserted.drop_duplicates().tolist()[:2] == [1000, 2000] and table.inserted.nunique() == 3
+    assert (tmp_path / "figures" / "map_growth.svg").exists()
