@@ -113,7 +113,7 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
 
 def check(config: EnterConfig, rollouts: "Sequence[Rollout]", console: "Console") -> None:
     """Say why the table is refused, and end with status 1, or that it is accepted."""
-    from benchmark.results import read_trusted
+    from benchmark.trusted_rows import read_trusted
 
     table = read_trusted(Path(config.table))
     refused = list(refusals(table, rollouts, range(FIRST_TEST_SEED, FIRST_TEST_SEED + config.episodes)))

@@ -65,7 +65,7 @@ def main(config: LeaderboardConfig) -> None:
     from benchmark.leaderboard_page import page
     from benchmark.leaderboard_text import markdown
     from benchmark.oracle_scores import with_oracles
-    from benchmark.results import read_all_episodes
+    from benchmark.trusted_rows import read_all_episodes
 
     folder = Path(config.output_dir)
     episodes = read_all_episodes(folder, FIRST_TEST_SEED)

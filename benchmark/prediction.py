@@ -107,7 +107,7 @@ def direct_episodes(folder: Path) -> "pd.DataFrame":
     import pandas as pd
 
     from benchmark.leaderboard import FIRST_TEST_SEED
-    from benchmark.results import read_all_episodes
+    from benchmark.trusted_rows import read_all_episodes
 
     table = read_all_episodes(folder, FIRST_TEST_SEED)
     return table[table.method == "direct"] if len(table) else pd.DataFrame()

@@ -135,55 +135,6 @@ def row_name(row: Mapping[str, Any]) -> str:
     )
 
 
-def read_all_episodes(folder: Path, first_seed: int = 0) -> pd.DataFrame:
-    """The rows of every `episodes.parquet` under a folder, for publication; an episode in several files counts once.
-
-    Rows of episodes before `first_seed` are left out: what is not published need not be fit for it.
-
-    Raises:
-        SettingError: If a row is not as it was stored, or two rows of one episode say different things.
-    """
-    files = sorted(folder.rglob("episodes.parquet"))
-    tables = [table for file in files if len(table := read_trusted(file, first_seed))]
-    if not tables:
-        return pd.DataFrame()
-    episode = [*IDENTITY, *PRODUCER]
-    table = pd.concat(tables, ignore_index=True)
-    table = table.drop_duplicates([*episode, "score", "success_at_end", "length"], ignore_index=True)
-    doubled = table[table.duplicated(episode)]
-    if len(doubled):
-        row = doubled.iloc[0]
-        raise SettingError(
-            f"Two rows under {folder} are of one episode ({row_name(row)}) and say different things. See which one "
-            f"replays: python -m benchmark.replay table={folder} row={row.row_hash}. Remove the other."
-        )
-    return table
-
-
-def read_trusted(file: Path, first_seed: int = 0) -> pd.DataFrame:
-    """The rows of a table from an episode seed on, all of which are as they were stored.
-
-    Raises:
-        SettingError: If one is not, or the code that stored them did not sign them yet.
-    """
-    table = read_table(file)
-    if "episode_seed" in table:
-        table = table[table.episode_seed >= first_seed]
-    if table.empty:
-        return table
-    missing = COLUMNS - set(table)
-    if missing or table.row_hash.isna().any():
-        lacks = ", ".join(sorted(missing)) or "row_hash in some rows"
-        raise SettingError(f"{file} was stored by older code: it lacks {lacks}. Run its command again.")
-    for number, row in zip(table.index, table.to_dict("records"), strict=True):
-        if row_hash(row) != row["row_hash"]:
-            raise SettingError(
-                f"{file}, row {number} ({row_name(row)}) is not as it was stored: its row_hash does not fit. "
-                "Remove it and run it again."
-            )
-    return table
-
-
 def read_episodes(output_dir: Path, columns: list[str] | None = None) -> pd.DataFrame:
     """All stored episodes, with those of these columns that there are, or all; an empty table if there are none."""
     return read_table(output_dir / "episodes.parquet", columns)

@@ -12,7 +12,7 @@ from scipy.ndimage import binary_dilation, distance_transform_cdt, gaussian_filt
 
 from richmap.cubic_spline import CubicSpline
 from richmap.energy_settings import EnergySettings
-from richmap.files import reading, save_arrays
+from richmap.files import load_arrays, save_arrays
 from richmap.grid import Grid
 from richmap.similarity import SimilarityGrid
 
@@ -81,15 +81,15 @@ class EnergyField:
         )
 
     @classmethod
-    def load(cls, path: Path | str) -> "EnergyField":
+    def load(cls, path: Path) -> "EnergyField":
         """Read a field.
 
         Raises:
             FileRefusedError: If the file is cut short, is no field, or has another version.
         """
-        with reading(path, KIND, VERSION) as (arrays, about):
-            grid = Grid.from_dict(json.loads(about.pop("grid")))
-            return cls(grid, arrays["values"], about)
+        arrays, about = load_arrays(path, KIND, VERSION)
+        grid = Grid.from_dict(json.loads(about.pop("grid")))
+        return cls(grid, arrays["values"], about)
 
 
 def seed_cells(similarity: SimilarityGrid, settings: EnergySettings) -> Bool[np.ndarray, "nx ny nz"]:

@@ -12,8 +12,9 @@ from benchmark import enter, rollout
 from benchmark.command import SettingError
 from benchmark.enter import EnterConfig
 from benchmark.entry import Entry
-from benchmark.results import Episode, read_episodes, read_trusted, row_hash
+from benchmark.results import Episode, read_episodes, row_hash
 from benchmark.run import checkpoint_folder
+from benchmark.trusted_rows import read_trusted
 from envs.outcome import EpisodeOutcome
 
 ROOT = Path(__file__).parents[1]

@@ -7,18 +7,17 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from benchmark.command import SettingError
 from benchmark.results import (
     COLUMNS,
     Condition,
     Episode,
     episodes_of,
-    read_all_episodes,
     read_episodes,
     row_hash,
     store_episodes,
 )
 from benchmark.scores import by_condition, paired
+from benchmark.trusted_rows import read_all_episodes
 from envs.outcome import EpisodeOutcome
 
 CONDITION = Condition(
@@ -35,7 +34,8 @@ def episode(seed, p1=True, p2=True, condition=CONDITION):
     } | dict(
         score=0.49 * p1 + 0.51 * p2, p1=p1, p2=p2, success_at_end=p2, length=3, mode=0,
         path_x=(400, 410, 420), path_y=(-200, -190, -180),
-        failure_cause=None if p2 else "outer_reach",
+        failure_cause=None if p2 else "outer_reach", first_block=0 if p1 else None,
+        first_target="near" if p1 else None, first_entry_s=0.2 if p1 else None,
     )  # fmt: skip
     return Episode(condition, seed, seed % 10, EpisodeOutcome(**values))
 
@@ -118,56 +118,3 @@ def test_every_column_counts_in_the_hash():
         assert row_hash(row | {name: "edited"}) != row["row_hash"], name
     assert row_hash(row | {"path_x": [400, 410, 421]}) != row["row_hash"]
     assert row_hash(row | {"p2": None}) != row["row_hash"]
-
-
-def edited(folder, **values):
-    """A table of three episodes, the second of which is edited."""
-    store_episodes(folder, [episode(seed) for seed in (100_001, 100_002, 100_003)])
-    table = read_episodes(folder)
-    for name, value in values.items():
-        table.loc[1, name] = value
-    table.to_parquet(folder / "episodes.parquet")
-
-
-def test_an_edited_row_is_not_published_and_named(tmp_path):
-    store_episodes(tmp_path / "a", [episode(100_009)])
-    edited(tmp_path / "b", success_at_end=False)
-    with pytest.raises(
-        SettingError, match=r"b/episodes.parquet, row 1 \(ur3, .*direct 0.0, seed42-1, episode 100002\) is not"
-    ):
-        read_all_episodes(tmp_path)
-
-
-def test_rows_of_code_that_did_not_sign_them_are_not_published(tmp_path):
-    edited(tmp_path, row_hash=None)
-    with pytest.raises(SettingError, match="older code: it lacks row_hash in some rows. Run its command again"):
-        read_all_episodes(tmp_path)
-    read_episodes(tmp_path).drop(columns=["row_hash", "path_x"]).to_parquet(tmp_path / "episodes.parquet")
-    with pytest.raises(SettingError, match="older code: it lacks path_x, row_hash"):
-        read_all_episodes(tmp_path)
-    assert episodes_of(read_episodes(tmp_path).drop(columns="entry_hash"), CONDITION).empty  # so they are run again,
-    store_episodes(tmp_path, [episode(seed) for seed in (100_001, 100_002, 100_003)])  # and replaced.
-    assert len(read_all_episodes(tmp_path)) == 3
-
-
-def test_choices_that_older_code_made_on_other_episodes_do_not_stand_in_the_way(tmp_path):
-    store_episodes(tmp_path / "choices", [episode(50_000)])
-    old = read_episodes(tmp_path / "choices").drop(columns=["row_hash", "entry_hash"])
-    old.to_parquet(tmp_path / "choices" / "episodes.parquet")
-    store_episodes(tmp_path / "results", [episode(50_000), episode(100_000)])
-    assert read_all_episodes(tmp_path, 100_000).episode_seed.tolist() == [100_000]
-
-
-def test_an_episode_in_two_files_counts_once_unless_they_contradict_each_other(tmp_path):
-    store_episodes(tmp_path / "a", [episode(100_001), episode(100_002)])
-    store_episodes(
-        tmp_path / "b", [episode(100_002, condition=dataclasses.replace(CONDITION, commit="c2")), episode(100_003)]
-    )
-    assert sorted(read_all_episodes(tmp_path).episode_seed) == [100_001, 100_002, 100_003]
-    store_episodes(tmp_path / "c", [episode(100_002, p2=False)])
-    with pytest.raises(SettingError, match=r"Two rows under .*episode 100002\) and say different things"):
-        read_all_episodes(tmp_path)
-
-
-def test_a_folder_without_episodes_is_an_empty_table(tmp_path):
-    assert read_all_episodes(tmp_path).empty

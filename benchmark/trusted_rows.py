@@ -1,0 +1,123 @@
+"""Rows of episodes that may be published: as they were stored, and with nothing in them that cannot be."""
+
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import get_args, get_type_hints
+
+import numpy as np
+import pandas as pd
+from pandas.api.types import is_bool_dtype, is_float_dtype, is_integer_dtype
+
+from benchmark.command import SettingError
+from benchmark.config import SETTINGS, TASK_ARMS
+from benchmark.results import COLUMNS, IDENTITY, PRODUCER, Condition, read_table, row_hash, row_name
+from envs.failure import CAUSES
+from envs.outcome import EpisodeOutcome
+
+HINTS = get_type_hints(Condition) | get_type_hints(EpisodeOutcome) | {"lambda": float, "episode_seed": int, "slot": int}
+"""Types of the columns."""
+
+CAME_OUT = ["score", "p1", "p2", "success_at_end", "length", "first_block", "first_target", "failure_cause"]
+"""Columns in which two rows of one episode may not differ."""
+
+
+def read_all_episodes(folder: Path, first_seed: int = 0) -> pd.DataFrame:
+    """The rows of every `episodes.parquet` under a folder, for publication; an episode in several files counts once.
+
+    Rows of episodes before `first_seed` are left out: what is not published need not be fit for it.
+
+    Raises:
+        SettingError: If a row is not as it was stored, two rows of one episode say different things, or one policy
+            goes by two names.
+    """
+    files = sorted(folder.rglob("episodes.parquet"))
+    tables = [table for file in files if len(table := read_trusted(file, first_seed))]
+    if not tables:
+        return pd.DataFrame()
+    episode = [*IDENTITY, *PRODUCER]
+    table = pd.concat(tables, ignore_index=True).drop_duplicates([*episode, *CAME_OUT], ignore_index=True)
+    doubled = table[table.duplicated(episode)]
+    if len(doubled):
+        row = doubled.iloc[0]
+        raise SettingError(
+            f"Two rows under {folder} are of one episode ({row_name(row)}) and say different things. See which one "
+            f"replays: python -m benchmark.replay table={folder} row={row.row_hash}. Remove the other."
+        )
+    for _, rows in table.groupby(["entry_hash", "checkpoint_hash"]):
+        for name in ("checkpoint", "training_seed"):
+            if rows[name].nunique() > 1:
+                raise SettingError(
+                    f"Rows under {folder} have one policy ({rows.checkpoint_hash.iloc[0][:12]}) and several in "
+                    f"{name}: {', '.join(map(str, rows[name].unique()))}. Remove those of the wrong one."
+                )
+    return table
+
+
+def read_trusted(file: Path, first_seed: int = 0) -> pd.DataFrame:
+    """The rows of a table from an episode seed on, all of which are as they were stored and can be.
+
+    Raises:
+        SettingError: If one is not, or the code that stored them did not sign them yet.
+    """
+    table = read_table(file)
+    if "episode_seed" in table:
+        _check_type(table, "episode_seed", file)
+        table = table[table.episode_seed >= first_seed]
+    if table.empty:
+        return table
+    missing = COLUMNS - set(table)
+    if missing or table.row_hash.isna().any():
+        lacks = ", ".join(sorted(missing)) or "row_hash in some rows"
+        raise SettingError(f"{file} was stored by older code: it lacks {lacks}. Run its command again.")
+    for number, row in zip(table.index, table.to_dict("records"), strict=True):
+        if row_hash(row) != row["row_hash"]:
+            raise SettingError(
+                f"{file}, row {number} ({row_name(row)}) is not as it was stored: its row_hash does not fit. "
+                "Remove it and run it again."
+            )
+    for name in COLUMNS - {"row_hash"}:
+        _check_type(table, name, file)
+    for said, wrong in contradictions(table).items():
+        if wrong.any():
+            row = table[wrong].iloc[0]
+            raise SettingError(
+                f"{file}, row {row.name} ({row_name(row)}) cannot be: {said}. Remove it and run it again."
+            )
+    return table
+
+
+def contradictions(table: pd.DataFrame) -> dict[str, pd.Series]:
+    """What no rollout stores, whatever its hash, and which rows have it."""
+    score = np.where(table.p2, 1.0, np.where(table.p1, 0.49, 0.0))
+    shares = table[[name for name in table if name.startswith("share_") or name == "self_contact_share"]]
+    known = {"robot": TASK_ARMS, "setting": SETTINGS, "device": ("cpu", "cuda"), "failure_cause": CAUSES}
+    return {f"its {name} is none of {', '.join(of)}": ~table[name].isin([*of, None]) for name, of in known.items()} | {
+        "its lambda is no number": ~np.isfinite(table["lambda"]),
+        "its slot is not its seed modulo batch_shape": table.slot != table.episode_seed % table.batch_shape.clip(1),
+        "its score does not follow from p1 and p2": table.score != score,
+        "it has p2 without p1": table.p2 & ~table.p1,
+        "it has success_at_end without p2": table.success_at_end & ~table.p2,
+        "it has p2 and a failure_cause, or neither": table.failure_cause.isna() != table.p2,
+        "it has a first_block, first_target and first_entry_s without p1, or lacks one": (
+            table[["first_block", "first_target", "first_entry_s"]].notna().ne(table.p1, axis=0).any(axis=1)
+        ),
+        "its paths are not of its length": (
+            (table.path_x.map(len) != table.length) | (table.path_y.map(len) != table.length) | (table.length < 1)
+        ),
+        "a share is not within 0 to 1": ~((shares >= 0) & (shares <= 1)).all(axis=1),
+    }
+
+
+def _check_type(table: pd.DataFrame, name: str, file: Path) -> None:
+    hint = HINTS[name]
+    kinds = {*get_args(hint)} if isinstance(hint, UnionType) else {hint}
+    values, optional = table[name], NoneType in kinds
+    (kind,) = kinds - {NoneType}
+    fits = {
+        int: is_integer_dtype,
+        float: lambda values: is_float_dtype(values) or is_integer_dtype(values),
+        bool: is_bool_dtype,
+        str: lambda values: values.dropna().map(type).eq(str).all() and (optional or values.notna().all()),
+    }.get(kind, lambda values: values.map(np.ndim).eq(1).all())
+    if not fits(values):
+        raise SettingError(f"{file}: {name} holds {values.dtype}, such as {values.iloc[0]!r}. It should hold {hint}.")

@@ -1,0 +1,137 @@
+"""What is published can be, and is as it was stored."""
+
+import dataclasses
+
+import pandas as pd
+import pytest
+
+from benchmark.command import SettingError
+from benchmark.results import OPTIONAL, Condition, Episode, episodes_of, read_episodes, row_hash, store_episodes
+from benchmark.trusted_rows import read_all_episodes, read_trusted
+from envs.outcome import EpisodeOutcome
+
+CONDITION = Condition(
+    robot="ur3", setting="embodied", base="0 0 0", branch="out", self_collision=True, joint_limits=True,
+    orientation_weight=1.0, method="direct", guidance_scale=0.0, sampler="DDIM", sampling_steps=10, training_seed=42,
+    checkpoint="seed42-1", checkpoint_hash="abc", field_fingerprint="", cell_size=float("nan"), batch_shape=10,
+    device="cpu", code_version="v1", commit="c1",
+)  # fmt: skip
+
+
+def episode(seed, p1=True, p2=True, condition=CONDITION):
+    values = {
+        f.name: 0.0 if f.type in (float, "float") else None for f in dataclasses.fields(EpisodeOutcome)
+    } | dict(
+        score=0.49 * p1 + 0.51 * p2, p1=p1, p2=p2, success_at_end=p2, length=3, mode=0,
+        path_x=(400, 410, 420), path_y=(-200, -190, -180),
+        failure_cause=None if p2 else "outer_reach", first_block=0 if p1 else None,
+        first_target="near" if p1 else None, first_entry_s=0.2 if p1 else None,
+    )  # fmt: skip
+    return Episode(condition, seed, seed % 10, EpisodeOutcome(**values))
+
+
+def edited(folder, **values):
+    """A table of three episodes, the second of which is edited."""
+    store_episodes(folder, [episode(seed) for seed in (100_001, 100_002, 100_003)])
+    table = read_episodes(folder)
+    for name, value in values.items():
+        table.loc[1, name] = value
+    table.to_parquet(folder / "episodes.parquet")
+
+
+def test_an_edited_row_is_not_published_and_named(tmp_path):
+    store_episodes(tmp_path / "a", [episode(100_009)])
+    edited(tmp_path / "b", success_at_end=False)
+    with pytest.raises(
+        SettingError, match=r"b/episodes.parquet, row 1 \(ur3, .*direct 0.0, seed42-1, episode 100002\) is not"
+    ):
+        read_all_episodes(tmp_path)
+
+
+def test_rows_of_code_that_did_not_sign_them_are_not_published(tmp_path):
+    edited(tmp_path, row_hash=None)
+    with pytest.raises(SettingError, match="older code: it lacks row_hash in some rows. Run its command again"):
+        read_all_episodes(tmp_path)
+    read_episodes(tmp_path).drop(columns=["row_hash", "path_x"]).to_parquet(tmp_path / "episodes.parquet")
+    with pytest.raises(SettingError, match="older code: it lacks path_x, row_hash"):
+        read_all_episodes(tmp_path)
+    assert episodes_of(read_episodes(tmp_path).drop(columns="entry_hash"), CONDITION).empty  # so they are run again,
+    store_episodes(tmp_path, [episode(seed) for seed in (100_001, 100_002, 100_003)])  # and replaced.
+    assert len(read_all_episodes(tmp_path)) == 3
+
+
+def test_choices_that_older_code_made_on_other_episodes_do_not_stand_in_the_way(tmp_path):
+    store_episodes(tmp_path / "choices", [episode(50_000)])
+    old = read_episodes(tmp_path / "choices").drop(columns=["row_hash", "entry_hash"])
+    old.to_parquet(tmp_path / "choices" / "episodes.parquet")
+    store_episodes(tmp_path / "results", [episode(50_000), episode(100_000)])
+    assert read_all_episodes(tmp_path, 100_000).episode_seed.tolist() == [100_000]
+
+
+def signed(folder, **values):
+    """A table of three episodes, the second of which is edited and signed anew."""
+    store_episodes(folder, [episode(seed) for seed in (100_001, 100_002, 100_003)])
+    rows = read_episodes(folder).to_dict("records")
+    rows[1] |= values
+    rows[1]["row_hash"] = row_hash(rows[1])
+    pd.DataFrame(rows).astype(OPTIONAL).to_parquet(folder / "episodes.parquet")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"score": 7.0}, "score does not follow"),
+        ({"score": float("nan")}, "score does not follow"),
+        ({"p2": False}, "score does not follow"),
+        ({"p1": False}, "p2 without p1"),
+        ({"score": 0.49, "p2": False, "failure_cause": "dithering"}, "success_at_end without p2"),
+        ({"failure_cause": "banana"}, "failure_cause is none of"),
+        ({"failure_cause": "dithering"}, "p2 and a failure_cause"),
+        ({"first_block": None}, "first_block"),
+        ({"lambda": float("nan")}, "lambda is no number"),
+        ({"slot": 7}, "slot is not"),
+        ({"length": 4}, "paths are not of its length"),
+        ({"share_near_base": 5.0}, "share is not within"),
+        ({"device": "tpu"}, "device is none of"),
+        ({"robot": "panda"}, "robot is none of"),
+        ({"setting": "easy"}, "setting is none of"),
+        ({"commit": None}, "commit holds"),
+        ({"training_seed": 99}, "several in training_seed"),
+        ({"checkpoint": "seed99-1"}, "several in checkpoint"),
+    ],
+)
+def test_a_row_that_cannot_be_is_not_published_whatever_its_hash(tmp_path, values, message):
+    signed(tmp_path)
+    assert len(read_all_episodes(tmp_path)) == 3
+    signed(tmp_path, **values)
+    with pytest.raises(SettingError, match=message):
+        read_all_episodes(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["episode_seed", "p2", "length", "robot", "score"])
+def test_a_column_of_another_type_is_refused(tmp_path, name):
+    signed(tmp_path)
+    table = read_episodes(tmp_path)
+    table[name] = table[name].astype(float if name == "p2" else str) if name != "robot" else 3
+    if name in ("score", "length"):
+        table[name] = table[name].astype(str)
+    rows = table.to_dict("records")
+    table["row_hash"] = [row_hash(row) for row in rows]
+    table.to_parquet(tmp_path / "episodes.parquet")
+    with pytest.raises(SettingError, match=f"{name} holds"):
+        read_trusted(tmp_path / "episodes.parquet", 100_000)
+
+
+def test_an_episode_in_two_files_counts_once_unless_they_contradict_each_other(tmp_path):
+    store_episodes(tmp_path / "a", [episode(100_001), episode(100_002)])
+    store_episodes(
+        tmp_path / "b", [episode(100_002, condition=dataclasses.replace(CONDITION, commit="c2")), episode(100_003)]
+    )
+    assert sorted(read_all_episodes(tmp_path).episode_seed) == [100_001, 100_002, 100_003]
+    store_episodes(tmp_path / "c", [episode(100_002, p2=False)])
+    with pytest.raises(SettingError, match=r"Two rows under .*episode 100002\) and say different things"):
+        read_all_episodes(tmp_path)
+
+
+def test_a_folder_without_episodes_is_an_empty_table(tmp_path):
+    assert read_all_episodes(tmp_path).empty
