@@ -39,6 +39,8 @@ class Entry:
         if not file.is_file():
             raise SettingError(f"entry={folder} is no entry: it lacks entry.yaml. See 'Enter your own' in README.md.")
         try:
+            if "${" in file.read_text():
+                raise SettingError(f"{file} has ${{...}}. What it says stands in the file itself: write the value.")
             said = OmegaConf.load(file)
         except (YAMLError, OSError, UnicodeError) as error:
             raise SettingError(f"{file} cannot be read: {error}") from error

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 from benchmark.command import SettingError
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from policies.guidance import Guidance
 
 
@@ -29,7 +31,8 @@ class GuidanceClass:
             seed: Of what is random.
 
         Raises:
-            SettingError: If the file does not have such a class.
+            SettingError: If the file does not have such a class. Likewise whatever is asked of the instance later,
+                if it raises, or answers what it should not.
         """
         from policies.guidance import Guidance
         from richmap.energy import EnergyField
@@ -42,4 +45,48 @@ class GuidanceClass:
         found = getattr(module, self.name, None)
         if not inspect.isclass(found) or not issubclass(found, Guidance):
             raise SettingError(f"{self.file} has no class {self.name} that is a policies.guidance.Guidance.")
-        return found(EnergyField.load(field) if field else None, scale, base, seed)
+        theirs = found(EnergyField.load(field) if field else None, scale, base, seed)
+        return _checked(theirs, f"{self.file}: {self.name}")
+
+
+def _checked(theirs: "Guidance", where: str) -> "Guidance":
+    """The same, but what it raises, and answers that are no finite tensors of the right shape, are said by name."""
+    import torch
+
+    from policies.guidance import Guidance
+
+    if not isinstance(theirs.samples, int) or theirs.samples < 1:
+        raise SettingError(f"{where}.samples is {theirs.samples!r}. It is a whole number >= 1.")
+
+    def ask(name: str, shape: tuple[int, ...], *given: "Tensor", or_none: bool = False) -> "Tensor | None":
+        try:
+            answer = getattr(theirs, name)(*given)
+        except Exception as error:  # Whatever somebody's file may raise.
+            raise SettingError(f"{where}.{name} raised {type(error).__name__}: {error}") from error
+        if or_none and answer is None:
+            return None
+        if not isinstance(answer, torch.Tensor) or answer.shape != shape or not answer.isfinite().all():
+            is_tensor = isinstance(answer, torch.Tensor)
+            found = f"a tensor {tuple(answer.shape)}" if is_tensor else f"of type {type(answer).__name__}"
+            raise SettingError(f"{where}.{name} gave what is {found}. It gives a tensor {shape} of finite numbers.")
+        return answer.to(given[0])
+
+    class Checked(Guidance):
+        samples, looks_ahead = theirs.samples, theirs.looks_ahead
+
+        def imagine(self, environment: "Tensor", effector: "Tensor") -> "Tensor":
+            return ask("imagine", tuple(environment.shape), environment, effector)
+
+        def push(self, effector: "Tensor") -> "Tensor | None":
+            return ask("push", (len(effector), 2), effector, or_none=True)
+
+        def descent(self, actions: "Tensor", effector: "Tensor") -> "Tensor":
+            return ask("descent", tuple(actions.shape), actions, effector)
+
+        def choose(self, chunks: "Tensor", effector: "Tensor") -> "Tensor":
+            return ask("choose", (len(chunks), *chunks.shape[2:]), chunks, effector)
+
+        def correct(self, chunk: "Tensor", effector: "Tensor") -> "Tensor":
+            return ask("correct", tuple(chunk.shape), chunk, effector)
+
+    return Checked()

@@ -46,7 +46,7 @@ def page(tables: "dict[Protocol, pd.DataFrame]", figures: Path) -> str:
         "about": f"{sum(row['n'] for row in rows):,} episodes on test seeds from 100000 on; code version "
         f"{', '.join(versions)}; commit {', '.join(commits)}.",
     }
-    return TEMPLATE.read_text().replace("{{data}}", json.dumps(data).replace("</", "<\\/"))
+    return TEMPLATE.read_text().replace("{{data}}", json.dumps(data).replace("<", "\\u003c"))
 
 
 def pictures(folder: Path) -> list[dict[str, str]]:

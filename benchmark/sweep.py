@@ -15,6 +15,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -212,7 +213,8 @@ def job_name(config: RunConfig) -> str:
     """What a job is called, also in file names."""
     scale = "chosen" if config.guidance_scale is None else f"{config.guidance_scale:g}"
     policy = Path(config.policy).name or f"seed{config.seed}-{config.checkpoint}"
-    return f"{config.robot.name}-{config.setting}-{config.method}-{scale}-{policy}"
+    told_apart = sha256(repr(replace(config, workers=1)).encode()).hexdigest()[:6]  # by settings that are not in it
+    return f"{config.robot.name}-{config.setting}-{config.method}-{scale}-{policy}-{told_apart}"
 
 
 def failure_file(folder: Path, name: str) -> Path:

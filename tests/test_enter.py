@@ -7,11 +7,13 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+import torch
 
 from benchmark import enter, rollout
 from benchmark.command import SettingError
 from benchmark.enter import EnterConfig
 from benchmark.entry import Entry
+from benchmark.guidance_class import GuidanceClass
 from benchmark.results import Episode, read_episodes, row_hash
 from benchmark.run import checkpoint_folder
 from benchmark.trusted_rows import read_trusted
@@ -60,7 +62,7 @@ def test_an_entry_with_a_guidance_class_is_evaluated_and_its_rows_are_accepted(e
     assert {*table.entry_hash} == {Entry.load(entry).files_hash}
     assert (entered / "mine" / "entry.yaml").read_text() == (entry / "entry.yaml").read_text()
     enter.main(settings(entry, entered, table=str(entered / "mine" / "episodes.parquet"), replays=1))
-    assert "is accepted: 3 rows, of which 1 replay to the last bit" in " ".join(capsys.readouterr().out.split())
+    assert "is accepted: 3 rows, of which 1 replay to the last bit." in " ".join(capsys.readouterr().out.split())
 
 
 def sent(entered, folder, change, sign=True):
@@ -81,7 +83,7 @@ def edit(number, **values):
     ("change", "reasons"),
     [
         (
-            edit(1, episode_seed=50_001),
+            edit(1, episode_seed=50_001, slot=50_001 % 3),
             [
                 r"row 1 \(xarm6, .*, mine 1.0, seed42-1, episode 50001\): its seed is none of the protocol's, 100000",
                 r"xarm6, embodied, mine 1.0, seed42-1, episode 100001 is missing",
@@ -90,7 +92,6 @@ def edit(number, **values):
         (edit(2, code_version="0123"), [r"row 2 .*episode 100002\): code_version is 0123, not "]),
         (edit(0, setting="original", self_collision=False), [r"row 0 .*setting is original, not embodied"]),
         (edit(0, entry_hash="0123"), [r"row 0 .*entry_hash is 0123, not "]),
-        (edit(0, slot=2), [r"row 0 .*slot is 2, not 1"]),
         (edit(1, episode_seed=100_000, slot=1), [r"row 1 .*is there already", r"100001 is missing"]),
         (lambda rows: rows[1:], [r"episode 100000 is missing"]),
     ],
@@ -136,6 +137,54 @@ def test_a_changed_entry_is_run_again_and_nothing_else(entry, entered, tmp_path,
     assert {*read_episodes(tmp_path / "mine").entry_hash} == {Entry.load(other).files_hash}
 
 
+def test_an_entry_that_is_random_by_itself_is_refused(tmp_path):
+    """An author may try as often as it takes; whoever replays a row may not."""
+    entry = write_entry(tmp_path / "entry", name="dice", field="none")
+    code = (entry / "guidance.py").read_text()
+    (entry / "guidance.py").write_text("import torch\n" + code.replace("chunk\n", "chunk * torch.rand(1)\n"))
+    with pytest.raises(SettingError, match="replayed: .*come out alike when it is run alone"):
+        enter.main(settings(entry, tmp_path / "out", robots=["ur3"]))
+    assert {file.name for file in (tmp_path / "out" / "dice").glob("*.parquet")} == {"refused.parquet"}
+
+
+@pytest.mark.parametrize(
+    ("method", "message"),
+    [
+        ("def correct(self, chunk, effector): raise RuntimeError('no')", "correct raised RuntimeError: no"),
+        ("def correct(self, chunk, effector): return None", "correct gave what is of type NoneType"),
+        ("def correct(self, chunk, effector): return chunk.numpy()", "correct gave what is of type ndarray"),
+        ("def correct(self, chunk, effector): return chunk[:1]", r"correct gave what is a tensor \(1, 4, 2\)"),
+        ("def correct(self, chunk, effector): return chunk / 0", "correct gave .* finite numbers"),
+        (
+            "def push(self, effector): return effector",
+            r"push gave .* \(3, 4\). It gives .* \(3, 2\)",
+        ),
+        ("def choose(self, chunks, effector): return chunks", "choose gave"),
+        ("def imagine(self, environment, effector): return environment[0]", "imagine gave"),
+        ("samples = 0", "samples is 0"),
+    ],
+)
+def test_what_a_class_may_not_answer_is_said_by_name(tmp_path, method, message):
+    file = tmp_path / "theirs.py"
+    head = "from policies.guidance import Guidance\nclass Theirs(Guidance):\n    def __init__(self, *_): pass\n    "
+    file.write_text(head + method + "\n")
+    with pytest.raises(SettingError, match=f"theirs.py: Theirs.{message}"):
+        guidance = GuidanceClass(file, "Theirs").make(1.0, None, (0.0, 0.0), 0)
+        effector, chunk = torch.zeros(3, 4), torch.ones(3, 4, 2)
+        guidance.imagine(torch.zeros(3, 2, 12), effector)
+        guidance.push(effector)
+        guidance.choose(chunk[:, None], effector)
+        guidance.correct(chunk, effector)
+
+
+def test_nobody_overwrites_somebody_elses_entry(entry, entered):
+    other = write_entry(entry.parent / "other", name="mine", author="Somebody Else")
+    with pytest.raises(SettingError, match="holds the entry mine of Jane Doe. Give yours another name"):
+        enter.main(settings(other, entered))
+    with pytest.raises(SettingError, match="each of them once"):
+        settings(other, entered, seeds=[42, 42])
+
+
 def test_a_policy_of_lerobots_is_an_entry(untrained, tmp_path):
     entry = write_entry(tmp_path / "theirs", name="theirs", policy="weights", guidance="", scale=0.0)
     shutil.copytree(untrained, entry / "weights")
@@ -167,6 +216,7 @@ def test_a_policy_of_our_type_is_an_entry_and_is_left_as_it_is(entry, entered, t
         ({"field": "magic"}, "field=magic is not allowed. Allowed: energy, feasibility, none"),
         ({"scale": "much"}, "scale=much is not allowed. scale: Scale that the class is made with"),
         ({"lambda": 1}, "there is no lambda. It may say: name, author, description, policy, guidance, field, scale"),
+        ({"description": "${nope}"}, "entry.yaml has .* write the value"),
         ({"author": "[a"}, "entry.yaml cannot be read: while parsing a flow sequence"),
         ({"guidance": "../guidance.py:Slower"}, "../guidance.py lies outside of the entry. Copy it there"),
         ({"guidance": "guidance.py:Faster"}, "has no class Faster that is a policies.guidance.Guidance"),

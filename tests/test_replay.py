@@ -54,13 +54,18 @@ def test_what_did_not_happen_is_found_though_it_is_signed(stored, tmp_path, caps
     assert "differs: training_seed, stored 7, replayed 42" in shown and shown.count("differs") == 2
 
 
+def test_a_row_of_other_code_is_replayed_and_the_code_is_named(stored, tmp_path, capsys):
+    replay.main(changed(stored, tmp_path, code_version="0123"))
+    assert "is of code 0123" in (shown := " ".join(capsys.readouterr().out.split())) and "changed nothing" in shown
+    length = int(read_episodes(stored).length[1])
+    with pytest.raises(SystemExit, match="1"):
+        replay.main(changed(stored, tmp_path, number=1, code_version="0123", length=length + 1))
+    assert "that may be why" in " ".join(capsys.readouterr().out.split())
+
+
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        (
-            {"code_version": "0123"},
-            r"episode 50000 was run by code 0123, .*cannot be expected to replay. Check its",
-        ),
         ({"checkpoint_hash": "beef"}, r"no policy with the weights beef is in .*seed42-1.*policy=<folder>"),
         ({"entry_hash": "beef"}, r"is of an entry. Give its folder: entry=<folder>"),
         ({"method": "magic"}, r"there is no method 'magic'. Methods: direct, paper"),

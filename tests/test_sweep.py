@@ -163,11 +163,14 @@ def test_a_failed_job_leaves_its_reason_and_stops_no_other(swept):
     *_, (status, log), folder = swept
     assert status == 1
     files = sorted((folder / "sweep" / "failed").iterdir())
-    assert [file.name for file in files] == [f"ur3-original-paper-{scale}-bad.txt" for scale in ("0", "0.5")]
+    assert [file.name[: -len("-123456.txt")] for file in files] == [
+        "ur3-original-paper-0-bad",
+        "ur3-original-paper-0.5-bad",
+    ]
     job, why, *_ = files[1].read_text().splitlines()
     assert f"policy={folder / 'bad'}" in job and "lambda=0.5" in job and "SafetensorError" in why
     *_, first, second, last = log.splitlines()
-    assert "Failed: ur3-original-paper-0-bad: SafetensorError" in first and "0.5-bad" in second
+    assert f"Failed: {files[0].stem}: SafetensorError" in first and "0.5-bad" in second
     assert "The same command goes on" in last
 
 
