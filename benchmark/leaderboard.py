@@ -46,7 +46,7 @@ class Protocol:
 
 PROTOCOLS = (
     Protocol("paper", ("original",), 50, 9, ("score", "p2"), best_only=False),
-    Protocol("strict", ("embodied", "best"), 500, 3, ("p2", "success_at_end"), best_only=True),
+    Protocol("strict", ("embodied", "best"), 500, 3, ("p2", "success_at_end", "p1", "score"), best_only=True),
 )
 
 ARM = ["setting", "robot", "base", "branch", "self_collision", "joint_limits", "orientation_weight"]
@@ -102,10 +102,11 @@ def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
     """One row per arm and method, over all policies: scores, differences to direct transfer, what changed, causes.
 
     For each score and each of `MECHANISM` there is its mean (the column of its name), `_low` and `_high`, its
-    difference to direct transfer on the same episodes of the same policies, `_difference`, `_difference_low`, `_high`
-    and `_p`; for scores also the least and most of any policy, `_least` and `_most`, and `_holm`, the p-value adjusted
-    for all robots, methods and scales of the setting. NaN where there is nothing to compare with. `policies` has the
-    figures of each.
+    difference to direct transfer on the same episodes of the same policies, `_difference`, `_difference_low` and
+    `_high`; for scores also the least and most of any policy, `_least` and `_most`, the difference's `_p`
+    (`statistics.sign_flip_p_value`), and `_holm`, the same adjusted for all robots, methods and scales of the setting.
+    Likewise, for direct transfer at an arm's best base, that to direct transfer at the common one, `_base_difference`
+    and `_base_p`. NaN where there is nothing to compare with. `policies` has the figures of each.
 
     Args:
         episodes: The rows that count.
@@ -122,7 +123,7 @@ def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
     episodes = episodes.assign(far_target_first=_far_target_first(episodes), training=_training(episodes))
     for _, of_arm in episodes.groupby([*ARM, "code_version"]):
         for _, group in of_arm.groupby([*GUIDANCE, *SAMPLING], dropna=False):
-            rows.append(_row(group, _direct(of_arm, group), protocol))
+            rows.append(_row(group, _direct(of_arm, group), protocol) | _to_common_base(episodes, group, protocol))
     table = pd.DataFrame(rows)
     for score in protocol.scores:
         table[f"{score}_holm"] = table.groupby("setting")[f"{score}_p"].transform(holm)
@@ -148,9 +149,26 @@ def _direct(of_arm: "pd.DataFrame", group: "pd.DataFrame") -> "pd.DataFrame":
     return of_arm[same & (of_arm.method == "direct") & (group.method.iloc[0] != "direct")]
 
 
+def _to_common_base(episodes: "pd.DataFrame", group: "pd.DataFrame", protocol: Protocol) -> dict[str, float]:
+    """Difference of direct transfer at the best base to that at the common one; NaN for all else."""
+    from benchmark.statistics import clustered_difference, sign_flip_p_value
+
+    alike = ["robot", "method", "code_version", *SAMPLING]
+    common = episodes[(episodes[alike] == group[alike].iloc[0]).all(axis=1) & (episodes.setting == "embodied")]
+    if group.setting.iloc[0] != "best" or group.method.iloc[0] != "direct":
+        common = common[:0]
+    pairs = group.merge(common, on=["checkpoint_hash", "episode_seed"], suffixes=("", "_common"))
+    row: dict[str, float] = {}
+    for name in protocol.scores:
+        crossed = _crossed(pairs, pairs[name].astype(float) - pairs[f"{name}_common"].astype(float))
+        row |= _named(f"{name}_base_difference", clustered_difference(crossed))
+        row[f"{name}_base_p"] = sign_flip_p_value(crossed)
+    return row
+
+
 def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol) -> dict:
     """One row of the leaderboard."""
-    from benchmark.statistics import clustered_difference, clustered_mean
+    from benchmark.statistics import clustered_difference, clustered_mean, sign_flip_p_value
 
     first = group.iloc[0]
     names = group.groupby("checkpoint").checkpoint_hash.nunique()
@@ -174,11 +192,14 @@ def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol) -> d
     for name in (*protocol.scores, *MECHANISM):
         extra = {"extra": ()} if name.startswith("share_") else {}
         row |= _named(name, clustered_mean(_crossed(group, group[name]), **extra))
-        row |= _named(f"{name}_difference", (np.nan,) * 3) | {f"{name}_p": np.nan}
+        row |= _named(f"{name}_difference", (np.nan,) * 3)
+        row |= {f"{name}_p": np.nan} if name in protocol.scores else {}
         if len(pairs):
             difference = pairs[name].astype(float) - pairs[f"{name}_direct"].astype(float)
-            *interval, row[f"{name}_p"] = clustered_difference(_crossed(pairs, difference), **extra)
-            row |= _named(f"{name}_difference", interval)
+            crossed = _crossed(pairs, difference)
+            row |= _named(f"{name}_difference", clustered_difference(crossed, **extra))
+            if name in protocol.scores:
+                row[f"{name}_p"] = sign_flip_p_value(crossed)
     changed = (pairs.first_block != pairs.first_block_direct) | (pairs.first_target != pairs.first_target_direct)
     row |= _named("order_changed", clustered_mean(_crossed(pairs, changed)) if len(pairs) else (np.nan,) * 3)
     row["policies"] = [_policy(rows, direct, protocol) for _, rows in group.groupby("checkpoint")]

@@ -22,12 +22,14 @@ Made by `python -m benchmark.leaderboard` from the stored episodes alone. With f
   at one moment; `success_at_end` is both still there one second later.
 - **[ ]** are 95 % intervals for other trainings and other episodes: a bootstrap of training seeds crossed with episode
   seeds (Owen & Eckles 2012), with Student's t since trainings are few. With one training they are for other episodes
-  alone. Those of single policies and of oracles are Wilson's.
-- **Difference** is that to direct transfer, same policies, same episodes, in points. Its p is of the same bootstrap,
-  *Holm* is adjusted for all arms, methods and scales of the protocol's setting. p of single policies is of the exact
-  McNemar test.
-- **Reference** and **ceiling** are the scripted oracle that knows nothing of the arm and the one that does, on their
-  own (validation) seeds. A policy may beat either.
+  alone. With few episodes they are wide also where all agree, since other scenes may be harder. Those of single
+  policies and of oracles are Wilson's.
+- **Difference** is that to direct transfer, same policies, same episodes, in points. Its interval is for other
+  trainings as well. Its p is for these trainings alone: of flips of the sign of whole episodes, which for one training
+  and a rate is the exact McNemar test; *Holm* is adjusted for all arms, methods and scales of the protocol's setting.
+- **Reference** and **ceiling** are the scripted oracle that knows nothing of the arm and the one that does, on the
+  seeds that are given, which need not be those of the policies. A policy may beat either.
+- **Failed by cause**: an episode failed if it never had p2. What rolled out of a target later has no cause.
 - **n** counts episodes, of all policies; * marks a row that lacks policies or episodes of the protocol. *(entry)* came
   from outside. A dash: not measured.
 """
@@ -40,10 +42,14 @@ PROTOCOL_TEXTS = {
 PAPER_TEXT = """Score, mean over nine policies (* over fewer), and their least and most. Which λ the paper's guided
 column is of, it does not say; ours is the whole curve, from its lowest to its highest point."""
 
+BASE_TEXT = """Direct transfer with the base where the arm's own map puts it, minus direct transfer at the common base:
+same policies, same episodes, in points; intervals and p as above."""
+
 MECHANISM_TEXT = """In percent, then the difference to direct transfer in points. *Farther first*: of episodes in which
-a block entered a target, those in which the first one entered the farther target. *Order changed*: another block or
-target was first than without guidance on the same episode. *Near base*: share of steps within 0.235 m of the base
-axis; *rectangle*: in the paper's dangerous one, in its two readings; *outer reach*: beyond 0.54 m."""
+a block entered a target, those in which the first one entered the farther target. *Order changed*: of episodes in which
+a block entered a target with guidance and without, those in which another block or target was first. *Near base*: share
+of steps within 0.235 m of the base axis; *rectangle*: in the paper's dangerous one, in its two readings; *outer reach*:
+beyond 0.54 m."""
 
 
 def markdown(tables: "dict[Protocol, pd.DataFrame]") -> str:
@@ -56,6 +62,8 @@ def markdown(tables: "dict[Protocol, pd.DataFrame]") -> str:
         for _, rows in table.groupby([*ARM, "code_version"], sort=False):
             first = rows.iloc[0]
             parts += [f"### {first.robot}, {first.setting}", arm_text(rows), _text(scores(rows, protocol))]
+        if len(moved := between_settings(table)):
+            parts += ["### Where the arm stands", BASE_TEXT, _text(moved)]
         parts += ["### What guidance changed", MECHANISM_TEXT, _text(mechanism(table))]
         if protocol.best_only:
             parts += ["### Policy by policy", _text(by_policy(table, protocol))]
@@ -123,6 +131,20 @@ def scores(rows: pd.DataFrame, protocol: "Protocol") -> pd.DataFrame:
     return pd.DataFrame(shown | {"failed by cause": [causes_text(causes) for causes in rows.causes]})
 
 
+def between_settings(rows: pd.DataFrame) -> pd.DataFrame:
+    """What the best base brings to direct transfer, arm by arm."""
+    shown = []
+    for row in rows[rows.setting == "best"].dropna(subset="p2_base_difference").to_dict("records"):
+        shown.append({"arm": row["robot"], "base": row["base"], "n": row["n"]})
+        for name in ("p2", "score"):
+            shown[-1] |= {
+                name: with_interval(row, name),
+                f"{name}: difference": difference_text(row, f"{name}_base_difference"),
+                f"{name}: p": f"{row[f'{name}_base_p']:.2g}",
+            }
+    return pd.DataFrame(shown)
+
+
 def mechanism(rows: pd.DataFrame) -> pd.DataFrame:
     """Order of blocks and targets, and where the flange was."""
     names = {
@@ -167,7 +189,8 @@ def method_text(row) -> str:
     """A method and what may differ between rows of one method."""
     sampler = "" if row.sampler == "none" else f", {row.sampler}-{row.sampling_steps}"
     cells = "" if pd.isna(row.cell_size) else f", cells {row.cell_size:g} m"
-    return f"{row.method}{' (entry)' if row.entry else ''}{sampler}{cells}"
+    device = "" if row.device == "cpu" else f", {row.device}"
+    return f"{row.method}{' (entry)' if row.entry else ''}{sampler}, batches of {row.batch_shape}{cells}{device}"
 
 
 def _method(rows: pd.DataFrame) -> dict[str, list[str]]:

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, Int, Shaped
-from scipy.stats import norm, t
+from scipy.stats import norm, permutation_test, t
 from statsmodels.stats.contingency_tables import mcnemar
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.proportion import proportion_confint
@@ -15,6 +15,8 @@ from statsmodels.stats.proportion import proportion_confint
 LEVEL = 0.95
 DRAWS = 2000
 """Of a bootstrap."""
+FLIPS = 9999
+"""Of signs that are drawn, where there are more."""
 
 
 def rate_interval(values: Float[np.ndarray, " n"]) -> tuple[float, float]:
@@ -68,20 +70,35 @@ def clustered_mean(rows: Crossed, extra: Sequence[float] = (0.0, 0.0, 1.0, 1.0))
         extra: Values of made-up episodes that count for the interval only, so that it stays honest where all episodes
             agree (Agresti & Coull 1998); none for what is not a rate.
     """
-    mean, centre, half, _ = _crossed_bootstrap(rows, extra)
+    mean, centre, half = _crossed_bootstrap(rows, extra)
     return mean, float(np.maximum(0, centre - half)), float(np.minimum(1, centre + half))
 
 
-def clustered_difference(
-    differences: Crossed, extra: Sequence[float] = (-1.0, 1.0)
-) -> tuple[float, float, float, float]:
-    """Mean of paired differences, its interval for other trainings and other episodes, and the p-value of its being 0.
+def clustered_difference(differences: Crossed, extra: Sequence[float] = (-1.0, 1.0)) -> tuple[float, float, float]:
+    """Mean of paired differences, and its interval for other trainings and other episodes.
 
-    As `clustered_mean`; the made-up pairs are those of `paired_difference`. The p-value belongs to the interval: it is
-    below 0.05 where zero lies outside.
+    As `clustered_mean`; the made-up pairs are those of `paired_difference`.
     """
-    mean, centre, half, p_value = _crossed_bootstrap(differences, extra)
-    return mean, centre - half, centre + half, p_value
+    mean, centre, half = _crossed_bootstrap(differences, extra)
+    return mean, centre - half, centre + half
+
+
+def sign_flip_p_value(differences: Crossed) -> float:
+    """Whether these trainings differ: the share of sign flips, of whole episodes, with a mean as far from 0.
+
+    What holds for other trainings as well, the interval of `clustered_difference` says. Of one training and a rate it
+    is the exact McNemar test, up to the flips being drawn where they are too many to be counted.
+    """
+    sums, _ = _table(differences)
+    of_episodes = sums.sum(axis=0)
+    moved = of_episodes[of_episodes != 0]
+    if len(moved) < 2:
+        return 1.0 if sums.size else math.nan
+    return float(
+        permutation_test(
+            (moved,), np.sum, permutation_type="samples", vectorized=True, n_resamples=FLIPS, batch=1000, rng=0
+        ).pvalue
+    )
 
 
 def holm(p_values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -93,8 +110,8 @@ def holm(p_values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     return p_values
 
 
-def _crossed_bootstrap(rows: Crossed, extra: Sequence[float]) -> tuple[float, float, float, float]:
-    """Mean over trainings and episodes, centre and half width of its interval, and the p-value of its being zero.
+def _crossed_bootstrap(rows: Crossed, extra: Sequence[float]) -> tuple[float, float, float]:
+    """Mean over trainings and episodes, centre and half width of its interval.
 
     Trainings and episodes are both resampled, and their weights multiply (Owen & Eckles, Ann. Appl. Stat. 2012: the
     variance is mildly too large). Of m units m - 1 are drawn, which keeps it from being too small for few (Rao & Wu,
@@ -103,14 +120,14 @@ def _crossed_bootstrap(rows: Crossed, extra: Sequence[float]) -> tuple[float, fl
     """
     sums, counts = _table(rows)
     if not sums.size:
-        return (math.nan,) * 4
+        return (math.nan,) * 3
     mean = float(sums.sum() / counts.sum())
     made_up = np.full((len(sums), len(extra)), counts.max())
     sums, counts = np.hstack([sums, made_up * np.array(extra, dtype=float)]), np.hstack([counts, made_up])
     trainings, episodes = sums.shape
     centre = float(sums.sum() / counts.sum())
     if episodes < 2:
-        return mean, centre, math.nan, math.nan
+        return mean, centre, math.nan
     of_trainings, of_episodes = _weights(trainings), _weights(episodes)
 
     def variance(of_trainings: np.ndarray, of_episodes: np.ndarray) -> float:
@@ -121,12 +138,11 @@ def _crossed_bootstrap(rows: Crossed, extra: Sequence[float]) -> tuple[float, fl
     by_episode = variance(np.ones((1, trainings)), of_episodes)
     deviation = math.sqrt(variance(of_trainings, of_episodes))
     if deviation == 0:
-        return mean, centre, 0.0, float(centre == 0)
+        return mean, centre, 0.0
     freedom = (by_training + by_episode) ** 2 / (
         by_training**2 / max(trainings - 1, 1) + by_episode**2 / (episodes - 1)
     )
-    half = t.ppf(0.5 + LEVEL / 2, freedom) * deviation
-    return mean, centre, float(half), float(2 * t.sf(abs(centre) / deviation, freedom))
+    return mean, centre, float(t.ppf(0.5 + LEVEL / 2, freedom) * deviation)
 
 
 def _table(rows: Crossed) -> tuple[Float[np.ndarray, "trainings episodes"], Float[np.ndarray, "trainings episodes"]]:

@@ -20,6 +20,7 @@ from benchmark.dashboard import DashboardConfig
 from benchmark.enter import EnterConfig
 from benchmark.environment_speed import EnvironmentSpeedConfig
 from benchmark.field_sensitivity import FieldSensitivityConfig
+from benchmark.lambda_curves import LambdaCurvesConfig
 from benchmark.leaderboard import LeaderboardConfig
 from benchmark.lerobot_agreement import LerobotAgreementConfig
 from benchmark.map_growth import MapGrowthConfig
@@ -42,6 +43,7 @@ SCHEMAS = {
     "record": RunConfig,
     "frames": RunConfig,
     "top_view": TopViewConfig,
+    "lambda_curves": LambdaCurvesConfig,
     "prediction": PredictionConfig,
     "build_maps": BuildMapsConfig,
     "merge_maps": MergeMapsConfig,

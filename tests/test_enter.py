@@ -130,7 +130,7 @@ def test_a_changed_entry_is_run_again_and_nothing_else(entry, entered, tmp_path,
     other = shutil.copytree(entry, tmp_path / "other")
     (other / "guidance.py").write_text((other / "guidance.py").read_text() + "# Better.\n")
     enter.main(settings(other, tmp_path))
-    assert ran == SEEDS
+    assert ran[:3] == SEEDS == sorted(ran[3:])  # and once more, each alone
     assert "3 rows that other files of the entry or older code made are dropped" in " ".join(
         capsys.readouterr().out.split()
     )

@@ -4,10 +4,12 @@ import dataclasses
 import json
 import shutil
 
+import pandas as pd
 import pytest
 from omegaconf import OmegaConf
 
 from benchmark.command import CONF, SettingError
+from benchmark.lambda_curves import curves
 from benchmark.leaderboard import FIRST_TEST_SEED, PROTOCOLS, LeaderboardConfig, counted, leaderboard, main
 from benchmark.leaderboard_text import beside_the_paper
 from benchmark.oracle_scores import with_oracles
@@ -162,3 +164,23 @@ def test_what_is_run_by_a_protocol_is_what_counts(protocol):
     run = OmegaConf.load(CONF / "protocol" / f"{protocol.name}.yaml")
     assert run.episodes == protocol.episodes and run.seed_start == FIRST_TEST_SEED
     assert run.setting in protocol.settings
+
+
+def test_the_curves_pass_through_the_table(boards):
+    figure = curves(boards[PAPER])
+    titles = [ax.get_title().split(",")[0] for ax in figure.axes]
+    assert titles == ["xarm6", "ur3"] * 2  # score above, p2 below
+    ur3 = boards[PAPER].query("robot == 'ur3'").sort_values("lambda")
+    line = figure.axes[1].containers[0].lines[0]
+    assert line.get_xdata().tolist() == [0.0, 0.5, 1.0]
+    assert line.get_ydata().tolist() == pytest.approx((100 * ur3.score).tolist())
+
+
+def test_the_best_base_is_held_against_the_common_one(transfer_episodes):
+    rows = transfer_episodes.query("robot == 'ur5' and setting == 'embodied' and method == 'direct'")
+    best = rows.assign(setting="best", base="0.1 0 0", p2=True)
+    table = leaderboard(counted(pd.concat([transfer_episodes, best]), STRICT), STRICT)
+    moved = table.query("setting == 'best'").iloc[0]
+    kept = counted(rows, STRICT)
+    assert moved.p2_base_difference == pytest.approx(1 - kept.p2.mean())
+    assert 0 < moved.p2_base_p < 1 and table.p2_base_p.notna().sum() == 1

@@ -1,0 +1,92 @@
+"""Success against the scale of guidance, arm by arm and method by method, with intervals.
+
+python -m benchmark.lambda_curves
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from benchmark.command import SettingError, run_command
+from benchmark.config import FIRST_TEST_SEED, TASK_ARMS
+from benchmark.outputs import replacing
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+NAMES = {"score": "Score", "p2": "Both blocks placed (p2)"}
+"""What is drawn, a row each."""
+
+
+@dataclass
+class LambdaCurvesConfig:
+    """Draws score and p2 against lambda from the stored test episodes of the paper's protocol, beside its figures."""
+
+    output_dir: str = "results"
+    """Folder below which every episodes.parquet is read; figures/success_against_lambda.svg and .png go to it."""
+
+
+def main(config: LambdaCurvesConfig) -> None:
+    """Draw what is stored."""
+    from benchmark.leaderboard import PROTOCOLS, counted, leaderboard
+    from benchmark.trusted_rows import read_all_episodes
+
+    (paper,) = [protocol for protocol in PROTOCOLS if protocol.name == "paper"]
+    episodes = counted(read_all_episodes(Path(config.output_dir), FIRST_TEST_SEED), paper)
+    if not len(episodes):
+        raise SettingError(
+            f"There are no test episodes of the paper's protocol under {config.output_dir}. Make some: "
+            "python -m benchmark.run -m experiment=transfer"
+        )
+    figure = curves(leaderboard(episodes, paper))
+    for ending in ("svg", "png"):
+        file = Path(config.output_dir, "figures", f"success_against_lambda.{ending}")
+        with replacing(file) as path:
+            figure.savefig(path, dpi=150)
+        print(file)
+
+
+def curves(table: "pd.DataFrame") -> "Figure":
+    """A column per arm; a line per method, from direct transfer at 0 on; the paper's figures as dashes.
+
+    Args:
+        table: `benchmark.leaderboard.leaderboard` by the paper's protocol.
+    """
+    from matplotlib.figure import Figure
+
+    from benchmark.published import TABLE_3
+
+    arms = [robot for robot in TASK_ARMS if robot in set(table.robot)]
+    figure = Figure(figsize=(3.2 * len(arms) + 0.6, 2.6 * len(NAMES) + 0.4), layout="constrained")
+    panels = figure.subplots(len(NAMES), len(arms), squeeze=False, sharex=True, sharey="row")
+    for line, (name, title) in zip(panels, NAMES.items(), strict=True):
+        for ax, robot in zip(line, arms, strict=True):
+            of_arm = table[table.robot == robot]
+            direct = of_arm[of_arm.method == "direct"]
+            for method in sorted({*of_arm.method} - {"direct"}) or ["direct"]:
+                rows = of_arm[(of_arm.method == method) | (of_arm.method == "direct")].sort_values("lambda")
+                low, high = (100 * rows[f"{name}_{end}"].to_numpy(float) for end in ("low", "high"))
+                mean = 100 * rows[name].to_numpy(float)
+                ax.errorbar(
+                    rows["lambda"], mean, [mean - low, high - mean], marker="o", markersize=3, linewidth=1,
+                    elinewidth=0.6, label=f"method {method}: mean of the policies, 95 % interval",
+                )  # fmt: skip
+                least, most = (100 * rows[f"{name}_{end}"].to_numpy(float) for end in ("least", "most"))
+                ax.plot(rows["lambda"], least, color="0.5", linewidth=0.6)
+                ax.plot(rows["lambda"], most, color="0.5", linewidth=0.6, label="least and most of any policy")
+            if name == "score":
+                published = {"published, direct": TABLE_3[robot].direct, "published, guided": TABLE_3[robot].guided}
+                for (label, figures), dash in zip(published.items(), (":", "--"), strict=True):
+                    if figures is not None:
+                        ax.axhline(100 * figures[0], color="k", linewidth=0.8, linestyle=dash, label=label)
+            n = f"n = {direct.n.iloc[0]} each" if len(direct) else ""
+            ax.set(title=f"{robot}, {n}", xlabel="λ", ylim=(50, 101))
+            ax.grid(alpha=0.3)
+        line[0].set_ylabel(f"{title} [%]")
+        line[-1].legend(fontsize=6, loc="lower right")
+    return figure
+
+
+if __name__ == "__main__":
+    run_command(main, LambdaCurvesConfig, "lambda_curves")
