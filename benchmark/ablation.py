@@ -232,7 +232,7 @@ def markdown(table: "pd.DataFrame", config: AblationConfig) -> str:
     """The summary as a document."""
     import pandas as pd
 
-    from benchmark.rollout import code_version
+    from benchmark.code_version import code_version
     from benchmark.scores import difference_text, with_interval
 
     shown = pd.DataFrame(

@@ -170,8 +170,8 @@ def play_missing(conditions: list[OracleCondition], config: ArmsConfig, console:
 
     import pandas as pd
 
+    from benchmark.code_version import code_version
     from benchmark.progress import progress_bar
-    from benchmark.rollout import code_version
     from richmap.worker import start_worker
 
     file = Path(config.output_dir) / "arms" / "oracle_episodes.parquet"

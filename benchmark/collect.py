@@ -77,8 +77,8 @@ def collect(config: CollectConfig) -> Path:
 
     A run that was killed goes on with the chunks of episodes that it had stored, by the same code.
     """
+    from benchmark.code_version import code_version
     from benchmark.demonstration_chunks import simulate
-    from benchmark.rollout import code_version
 
     root = Path(config.output_dir)
     if root.exists():

@@ -53,6 +53,7 @@ def curves(table: "pd.DataFrame") -> "Figure":
     Args:
         table: `benchmark.leaderboard.leaderboard` by the paper's protocol.
     """
+    import numpy as np
     from matplotlib.figure import Figure
 
     from benchmark.published import TABLE_3
@@ -69,7 +70,7 @@ def curves(table: "pd.DataFrame") -> "Figure":
                 low, high = (100 * rows[f"{name}_{end}"].to_numpy(float) for end in ("low", "high"))
                 mean = 100 * rows[name].to_numpy(float)
                 ax.errorbar(
-                    rows["lambda"], mean, [mean - low, high - mean], marker="o", markersize=3, linewidth=1,
+                    rows["lambda"], mean, np.stack([mean - low, high - mean]), marker="o", markersize=3, linewidth=1,
                     elinewidth=0.6, label=f"method {method}: mean of the policies, 95 % interval",
                 )  # fmt: skip
                 least, most = (100 * rows[f"{name}_{end}"].to_numpy(float) for end in ("least", "most"))

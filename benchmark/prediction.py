@@ -97,8 +97,9 @@ def main(config: PredictionConfig) -> None:
         table.to_parquet(path, index=False)
     with replacing(output_dir / "prediction.md") as path:
         path.write_text(markdown(table, config.seed))
-    with replacing(output_dir / "figures" / "prediction.png") as path:
-        prediction_figure(drawn).savefig(path, dpi=120)
+    for ending in ("svg", "png"):
+        with replacing(output_dir / "figures" / f"prediction.{ending}") as path:
+            prediction_figure(drawn).savefig(path, dpi=120)
     console.print(f"Table: {output_dir / 'prediction.md'}", soft_wrap=True)
 
 
@@ -215,6 +216,14 @@ def correlations(
                 {"over": "scenes", "path": path, "predictor": name, "n": int(np.isfinite(x).sum())}
                 | _interval(lambda chosen, x=x: _spearman(x[chosen], p2[chosen]), len(p2), seed)
             )
+        ours, theirs = (scenes[f"{name}_{path}"].to_numpy() for name in ("infeasible", "energy"))
+        rows.append(
+            {"over": "scenes", "path": path, "predictor": "infeasible minus energy", "n": len(p2)}
+            | _interval(
+                lambda chosen, a=ours, b=theirs: _spearman(a[chosen], p2[chosen]) - _spearman(b[chosen], p2[chosen]),
+                len(p2), seed,
+            )
+        )  # fmt: skip
     enough = (visits > 0).sum(0) >= LEAST_SCENES
     for name in PREDICTORS:
         x = getattr(fields, name)(cells()[enough])
@@ -242,7 +251,8 @@ def _spearman(x: np.ndarray, y: np.ndarray) -> float:
 
 
 def _interval(statistic: "Callable[[np.ndarray], float]", n: int, seed: int) -> dict[str, float]:
-    """The statistic of all scenes, and its percentile interval over resampled ones."""
+    """The statistic of all scenes, and its basic bootstrap interval: ties among resampled scenes bias what they give,
+    which percentiles would take over."""
     from scipy.stats import bootstrap
 
     from benchmark.statistics import LEVEL
@@ -252,9 +262,9 @@ def _interval(statistic: "Callable[[np.ndarray], float]", n: int, seed: int) -> 
         return {"r": np.nan, "low": np.nan, "high": np.nan}
     resampled = bootstrap(
         (np.arange(n),), statistic, n_resamples=RESAMPLES, vectorized=False,
-        confidence_level=LEVEL, method="percentile", rng=seed,
+        method="basic", rng=seed,
     ).bootstrap_distribution  # fmt: skip
-    low, high = np.nanquantile(resampled, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    low, high = 2 * value - np.nanquantile(resampled, [(1 + LEVEL) / 2, (1 - LEVEL) / 2])
     return {"r": value, "low": float(low), "high": float(high)}
 
 
@@ -270,7 +280,8 @@ passes a cell, for cells that {least} scenes pass, against the value at its cent
 over scenes, seed {seed}. If similarity predicts transfer, energy and MMD go with failure: r is well below 0. A dash:
 all scenes are alike. Made by `python -m benchmark.prediction` from the stored episodes.
 
-Predictors: {predictors}.
+Predictors: {predictors}. `infeasible minus energy` is the difference of their r: below 0, the arm alone predicts
+better.
 
 Paths: {paths}.
 """

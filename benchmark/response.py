@@ -125,7 +125,8 @@ def main(config: ResponseConfig) -> None:
 
 def measure(folders: list[Path], config: ResponseConfig, console: "Console") -> pd.DataFrame:
     """Rows of all policies and samplers (`response_rows`); those that this code has stored are not measured again."""
-    from benchmark.rollout import code_version, load_policy
+    from benchmark.code_version import code_version
+    from benchmark.rollout import load_policy
     from benchmark.run import make_rollout
 
     file = Path(config.output_dir) / "response.parquet"

@@ -1,7 +1,5 @@
 """Rolling a policy out: batches of one fixed shape, an episode always in the same row of its batch."""
 
-import hashlib
-import subprocess
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import redirect_stdout
@@ -16,7 +14,6 @@ import gymnasium
 import numpy as np
 
 import envs
-from benchmark.cache import package_versions
 from benchmark.checkpoint import GUIDED, Checkpoint
 from benchmark.guidance_class import GuidanceClass
 from benchmark.results import Condition, Episode
@@ -28,8 +25,6 @@ if TYPE_CHECKING:
 
     from benchmark.stock_policy import StockPolicy
     from policies.modeling_guided_push import GuidedPushPolicy
-
-ROOT = Path(__file__).parents[1]
 
 
 @dataclass(frozen=True)
@@ -70,27 +65,6 @@ def roll_out_all(jobs: Iterable[tuple[Rollout, Iterable[int]]], workers: int) ->
         return
     with ProcessPoolExecutor(workers, get_context("spawn"), initializer=start_worker) as pool:
         yield from pool.map(play, [rollout for rollout, _ in batches], batches.values())
-
-
-def code_version() -> str:
-    """SHA-256, first 12 digits, over the code, collision geometry and packages that decide an episode."""
-    digest = hashlib.sha256(Path(__file__).read_bytes())
-    digest.update(Path(__file__).with_name("stock_policy.py").read_bytes())
-    digest.update(package_versions("mujoco", "robosuite", "numpy", "torch", "lerobot", "diffusers").encode())
-    for package in ("richmap", "envs", "policies"):
-        for file in sorted((ROOT / package).rglob("*")):
-            if file.suffix in (".py", ".safetensors"):
-                digest.update(file.read_bytes())
-    return digest.hexdigest()[:12]
-
-
-def commit() -> str:
-    """Git commit of this tree, with + if tracked files differ from it; empty outside a checkout."""
-    try:
-        run = ["git", "describe", "--always", "--dirty=+", "--exclude=*"]
-        return subprocess.run(run, cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return ""
 
 
 def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], None] | None = None) -> list[Episode]:

@@ -167,7 +167,7 @@ def make_condition(
 @cache
 def versions() -> tuple[str, str]:
     """Version of the code that decides an episode, and commit of the tree, when this process first asked."""
-    from benchmark.rollout import code_version, commit
+    from benchmark.code_version import code_version, commit
 
     return code_version(), commit()
 

@@ -196,8 +196,8 @@ def sweep(
     Returns:
         These episodes of all arms and methods in the table, as far as this version of the code produced them.
     """
+    from benchmark.code_version import code_version
     from benchmark.results import read_episodes
-    from benchmark.rollout import code_version
 
     reference = run_points({"direct": direct}, config, "Direct transfer", console)["direct"]
     going = {method: scales(method, config.points) for method in config.methods}

@@ -206,7 +206,7 @@ def log_validation(table: "pd.DataFrame", config: SourcePoliciesConfig) -> None:
 
 def markdown(table: "pd.DataFrame", config: SourcePoliciesConfig) -> str:
     """All candidates as a document."""
-    from benchmark.rollout import code_version
+    from benchmark.code_version import code_version
     from benchmark.scores import with_interval
     from benchmark.statistics import rate_interval
 

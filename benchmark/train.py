@@ -199,8 +199,8 @@ def _publish(
     checkpoint = config.checkpoints[step]
     if checkpoint.exists():
         return
+    from benchmark.code_version import code_version, commit
     from benchmark.model_card import write_model_card
-    from benchmark.rollout import code_version, commit
 
     partial = checkpoint.with_name(f".{checkpoint.name}.tmp")
     shutil.rmtree(partial, ignore_errors=True)

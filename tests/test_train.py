@@ -11,13 +11,13 @@ import torch
 from lerobot.datasets import LeRobotDataset
 from lerobot.policies import make_pre_post_processors
 
+from benchmark.code_version import code_version
 from benchmark.collect import CollectConfig
 from benchmark.command import SettingError
 from benchmark.config import WandbConfig
 from benchmark.demonstration import Demonstration
 from benchmark.demonstration_dataset import write_dataset
 from benchmark.demonstration_tensors import DemonstrationTensors, load_demonstrations
-from benchmark.rollout import code_version
 from benchmark.side_by_side import train_all
 from benchmark.train import TrainConfig, train
 from policies.configuration_guided_push import GuidedPushConfig

@@ -1,0 +1,49 @@
+"""Which code decides an episode, and which commit it is of."""
+
+import hashlib
+import subprocess
+from functools import cache
+from modulefinder import ModuleFinder
+from pathlib import Path
+
+from benchmark.cache import package_versions
+
+ROOT = Path(__file__).parents[1]
+
+
+@cache
+def code_version() -> str:
+    """SHA-256, first 12 digits, over the code, collision geometry and packages that decide an episode.
+
+    That is a rollout's own code, the environments, the policies, and of `richmap` what these import: not how maps are
+    built, which the fingerprint of a row's field stands for, nor how they are asked and verified.
+    """
+    digest = hashlib.sha256(package_versions("mujoco", "robosuite", "numpy", "torch", "lerobot", "diffusers").encode())
+    for file in deciding_files():
+        digest.update(file.relative_to(ROOT).as_posix().encode() + file.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def deciding_files() -> list[Path]:
+    """The files that `code_version` is over."""
+    own = [ROOT / "benchmark" / f"{name}.py" for name in ("rollout", "stock_policy")]
+    own += [file for package in ("envs", "policies") for file in (ROOT / package).glob("*.py")]
+    finder = ModuleFinder(path=[str(ROOT)], excludes=["richmap.similarity"])  # which makes fields, as maps do
+    for file in own:
+        finder.run_script(str(file))
+    found = {Path(module.__file__) for module in finder.modules.values() if module.__file__}
+    imported = {file for file in found if file.parent == ROOT / "richmap"}
+    return sorted({*own, *imported, *(ROOT / "richmap").rglob("*.safetensors")})
+
+
+def commit() -> str:
+    """Git commit of this tree, with + if tracked files other than results differ from it; empty outside a checkout."""
+
+    def git(*arguments: str) -> str:
+        return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+
+    try:
+        changed = git("status", "--porcelain", "--untracked-files=no", "--", ".", ":(exclude)results")
+        return git("rev-parse", "--short", "HEAD") + ("+" if changed else "")
+    except (OSError, subprocess.CalledProcessError):
+        return ""
