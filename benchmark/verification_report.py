@@ -58,12 +58,21 @@ directions for Panda at 0.02 m and 20.5 M for UR5e at 0.05 m where its table has
 """
 
 
-def markdown(table: "pd.DataFrame", labels: "pd.DataFrame") -> str:
+ROLLS = """## Whole poses: three answers of the map of directions
+
+Share of the poses of each truth (strict labels) that get each answer, in percent. *At another roll*: the approach
+direction is reachable there, the pose is not; the map says so where the roll was not seen. Arms whose last joint turns
+through all rolls have none.
+"""
+
+
+def markdown(table: "pd.DataFrame", labels: "pd.DataFrame", rolls: "pd.DataFrame") -> str:
     """All tables.
 
     Args:
         table: Rows of `verify_maps.parquet`.
         labels: Rows of `verify_labels.parquet`.
+        rolls: Rows of `verify_rolls.parquet`, or none.
     """
     ours = table.assign(inserted=table.inserted / 1e6)
     for batch in ("1e2", "1e4", "1e6", "2e6"):
@@ -81,6 +90,10 @@ def markdown(table: "pd.DataFrame", labels: "pd.DataFrame") -> str:
     columns = ["robot", "map", "cell_size", "test_set", "labels", "n", "accuracy", "tpr", "fpr", "bytes_memory"]
     columns += ["bytes_disk", "build_s"]
     parts += ["## All maps, test sets and labels", table[columns].to_markdown(index=False, floatfmt=".4g", intfmt=",")]
+    if len(rolls):
+        said = [name for name in rolls if name.startswith("said ")]
+        shown = rolls.assign(**{name: 100 * rolls[name] / rolls.n.clip(lower=1) for name in said})
+        parts += [ROLLS, shown.to_markdown(index=False, floatfmt=".4g", intfmt=",")]
     parts += [
         "## The labels",
         labels.drop(columns="robot_fingerprint").set_index(["robot", "test_set"]).T.to_markdown(),

@@ -43,6 +43,9 @@ class VerifiedMap:
     score: "Callable[[np.ndarray, np.ndarray], np.ndarray] | None" = None
     """Of each pose, where the answer is whether this is above a threshold; arguments as for `reachable`."""
 
+    reach: "Callable[[np.ndarray, np.ndarray], np.ndarray] | None" = None
+    """Of each pose its `richmap.reachability_map.Reach`, where rolls are told apart; arguments as for `reachable`."""
+
     @property
     def avg_per_cell(self) -> float:
         """Mean number of stored items in a cell that holds any."""
@@ -64,6 +67,7 @@ def reachability_map(robot: "RobotDescription", config: VerifyMapsConfig, consol
             directions,
             name="richmap_rolls",
             reachable=lambda positions, rotations: built.reach(positions, rotations) == Reach.REACHABLE,
+            reach=built.reach,
         )
 
 

@@ -27,6 +27,9 @@ BATCHES = (100, 10_000, 1_000_000, 2_000_000)
 KEY = ["robot", "map", "cell_size", "test_set", "labels"]
 """What one row of the table is about."""
 
+ROLL_KEY = ["robot", "cell_size", "test_set", "truth"]
+"""What one row of the table of rolls is about."""
+
 RATES = ("accuracy", "tpr", "fpr")
 
 
@@ -59,6 +62,8 @@ def main(config: VerifyMapsConfig) -> None:
         if verified.score:
             curve = pd.DataFrame(threshold_curve(robot, verified, poses))
             store_rows(output_dir / "verify_curves.parquet", curve, [*KEY, "threshold"])
+        if verified.reach:
+            store_rows(output_dir / "verify_rolls.parquet", pd.DataFrame(confusion(robot, verified, poses)), ROLL_KEY)
         report(output_dir, table)
     console.print(f"Tables: {output_dir / 'verify_maps.md'}", soft_wrap=True)
 
@@ -154,6 +159,29 @@ def threshold_curve(
     return rows
 
 
+def confusion(
+    robot: "RobotDescription", verified: VerifiedMap, poses: "dict[str, LabelledPoses]"
+) -> list[dict[str, object]]:
+    """What is answered of whole poses, a row for each test set and each truth: counts of the three answers."""
+    from richmap.reachability_map import Reach
+
+    rows = []
+    for test_set, labelled in poses.items():
+        answer = verified.reach(labelled.positions, labelled.rotations)
+        truths = {
+            "reachable": labelled.strict,
+            "at another roll": labelled.wrist_free & ~labelled.strict,
+            "unreachable": ~labelled.wrist_free & ~labelled.strict,
+        }
+        for truth, rows_of in truths.items():
+            said = answer[rows_of]
+            counts = {"reachable": said == Reach.REACHABLE, "at another roll": said == Reach.ROLL_NOT_SEEN}
+            counts["unreachable"] = ~(counts["reachable"] | counts["at another roll"])
+            about = {"robot": robot.name, "cell_size": verified.cell_size, "test_set": test_set, "truth": truth}
+            rows.append(about | {"n": len(said)} | {f"said {name}": int(hits.sum()) for name, hits in counts.items()})
+    return rows
+
+
 def draw_curves(curves: "pd.DataFrame", table: "pd.DataFrame", folder: Path) -> None:
     """Accuracy against FPR, strict labels: a line for each map with a threshold, a point for each other answer."""
     import matplotlib.pyplot as plt
@@ -242,7 +270,9 @@ def report(output_dir: Path, table: "pd.DataFrame") -> None:
 
     labels = pd.read_parquet(output_dir / "verify_labels.parquet")
     with replacing(output_dir / "verify_maps.md") as path:
-        path.write_text(markdown(table.sort_values(KEY), labels.sort_values(["robot", "test_set"])))
+        rolls = output_dir / "verify_rolls.parquet"
+        rolls = pd.read_parquet(rolls).sort_values(ROLL_KEY) if rolls.exists() else pd.DataFrame()
+        path.write_text(markdown(table.sort_values(KEY), labels.sort_values(["robot", "test_set"]), rolls))
     curves = output_dir / "verify_curves.parquet"
     if curves.exists():
         draw_curves(pd.read_parquet(curves), table, output_dir / "figures")

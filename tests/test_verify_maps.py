@@ -11,7 +11,8 @@ from benchmark.labels import LABELS, LabelledPoses
 from benchmark.map_growth import MapGrowthConfig, draw, growth
 from benchmark.map_growth import main as map_growth
 from benchmark.outputs import store_rows
-from benchmark.verify_maps import VerifiedMap, half_and_half, report, scores, verify
+from benchmark.verify_maps import VerifiedMap, confusion, half_and_half, report, scores, verify
+from richmap.reachability_map import Reach
 from richmap.robots import load_robot
 
 
@@ -111,3 +112,24 @@ def test_the_command_follows_an_arms_map_while_it_grows(tmp_path):
     table = pd.read_parquet(tmp_path / "map_growth.parquet")
     assert table.inserted.drop_duplicates().tolist()[:2] == [1000, 2000] and table.inserted.nunique() == 3
     assert (tmp_path / "figures" / "map_growth.svg").exists()
+
+
+def test_three_answers_of_whole_poses_are_counted_by_what_is_true():
+    poses = labelled()
+    poses = replace(poses, wrist_free=poses.wrist_free | poses.strict)
+
+    def said(p, r):
+        return np.where(p[:, 0] < 0.5, Reach.REACHABLE, np.where(p[:, 1] < 0.5, Reach.ROLL_NOT_SEEN, Reach.OUTSIDE))
+
+    rows = confusion(load_robot("panda"), a_map("richmap_rolls", reach=said), {"hard": poses})
+    assert [row["n"] for row in rows] == [
+        poses.strict.sum(),
+        (poses.wrist_free & ~poses.strict).sum(),
+        (~poses.wrist_free).sum(),
+    ]
+    assert (
+        rows[1]["said at another roll"]
+        == (poses.wrist_free & ~poses.strict & (poses.positions[:, 0] >= 0.5) & (poses.positions[:, 1] < 0.5)).sum()
+    )
+    for row in rows:
+        assert row["said reachable"] + row["said at another roll"] + row["said unreachable"] == row["n"]
