@@ -5,7 +5,7 @@ python -m benchmark.build_maps robot=ur3
 
 import math
 import shutil
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -62,8 +62,7 @@ def robot_map(
         check_setting(torch.cuda.is_available(), "map.device", config.device, "cpu; there is no CUDA device here")
     name = description.name
     cells = grid.Grid.around_base(config.cell_size, config.half_width, config.z_offset).moved(np.array(base))
-    settings = config.theta, config.seed, config.draw, config.turns, config.stop_rate, config.target, config.device
-    asked = reachability_map.Construction(name, description.fingerprint, *settings)
+    asked = construction_of(description, config)
     key, folder = _key_and_folder(cells, asked)
     lock, made = FileLock(f"{folder}.lock"), []
 
@@ -92,6 +91,14 @@ def robot_map(
     return built
 
 
+def construction_of(robot: "RobotDescription", config: MapConfig) -> "Construction":
+    """A map's construction as these settings ask for it."""
+    from richmap.reachability_map import Construction
+
+    names = {each.name for each in fields(Construction)} & {*vars(config)}
+    return Construction(robot.name, robot.fingerprint, **{name: getattr(config, name) for name in names})
+
+
 def _key_and_folder(cells: "Grid", asked: "Construction") -> tuple[str, Path]:
     """Fingerprint of a map, and the folder of its build, which goes on from where one with another end stopped."""
     import platformdirs
@@ -104,6 +111,7 @@ def _key_and_folder(cells: "Grid", asked: "Construction") -> tuple[str, Path]:
         direction_index,
         directions,
         grid,
+        ground,
         insertion,
         kinematics,
         reachability_map,
@@ -114,8 +122,8 @@ def _key_and_folder(cells: "Grid", asked: "Construction") -> tuple[str, Path]:
     )
 
     code = [
-        bounding_spheres, collision, construction, direction_index, directions, grid, insertion, kinematics,
-        reachability_map, robot, sampling, shape, torch_twin,
+        bounding_spheres, collision, construction, direction_index, directions, grid, ground, insertion,
+        kinematics, reachability_map, robot, sampling, shape, torch_twin,
     ]  # fmt: skip
     inputs = {"grid": asdict(cells), "construction": asdict(asked)}
     key = fingerprint(inputs, code)

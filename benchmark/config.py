@@ -93,6 +93,8 @@ class MapConfig:
     """Angles of joint 1 that each configuration is used at (orbit sampling); a power of two, 1 for plain sampling."""
     device: str = "cpu"
     """Where poses are compared with what is stored: cpu, or cuda (batched matrix products, as in the paper)."""
+    ground: float | None = None
+    """Height above the base frame's origin, in m, that no link that moves may be below; null for no ground."""
     seed: int = 0
     """Seed of the samples; a whole number >= 0."""
 

@@ -70,17 +70,15 @@ def main(config: MapGrowthConfig) -> None:
 
 def snapshots(robot: "RobotDescription", config: MapGrowthConfig, console: "Console") -> Iterator[VerifiedMap]:
     """The map at each target, and when it brings less than the stop rate; one build that goes on."""
-    from benchmark.build_maps import MapProgress
+    from benchmark.build_maps import MapProgress, construction_of
     from benchmark.poses import paper_z_offset
     from benchmark.verified_maps import map_of_directions
     from richmap.construction import build_map
     from richmap.grid import Grid
-    from richmap.reachability_map import Construction
 
     m = config.map
     grid = Grid.around_base(m.cell_size, m.half_width, paper_z_offset(robot))
-    settings = m.theta, m.seed, m.draw, m.turns, m.stop_rate, m.target, m.device
-    asked = Construction(robot.name, robot.fingerprint, *settings)
+    asked = construction_of(robot, m)
     with TemporaryDirectory() as folder:
         for target in [*(round(1e6 * millions) for millions in config.millions), 0]:
             aim = replace(config.map, target=target)

@@ -24,7 +24,7 @@ from richmap.robot import RobotDescription
 from richmap.sampling import Orbits, roll_gap, sample_workspace, way_about_base_z
 from richmap.worker import start_worker
 
-STATE_VERSION = 1
+STATE_VERSION = 2
 
 DRAW = 0x6D6170
 """Ends the seed of a draw: without it, zeros at the end of another seed would give the same numbers."""
@@ -114,17 +114,16 @@ def merge(robot: RobotDescription, maps: list[ReachabilityMap], folder: Path) ->
         folder: Where rows are kept meanwhile; empty.
 
     Raises:
-        ValueError: If the maps are not of this arm, or differ in grid or theta.
+        ValueError: If the maps are not of this arm, or differ in grid, theta or ground.
     """
     first = maps[0]
     for other in maps:
         if other.construction.robot_fingerprint != robot.fingerprint:
             raise ValueError(f"A map to be merged is of {other.construction.robot}, or of another {robot.name}.")
-        if other.grid != first.grid or other.construction.theta != first.construction.theta:
-            raise ValueError(
-                f"Maps to be merged must share grid and theta. Got {first.grid} with theta {first.construction.theta} "
-                f"rad and {other.grid} with {other.construction.theta} rad."
-            )
+        shared = [(m.grid, m.construction.theta, m.construction.ground) for m in (first, other)]
+        if shared[0] != shared[1]:
+            one, two = (f"{grid} with theta {theta} rad and ground {ground}" for grid, theta, ground in shared)
+            raise ValueError(f"Maps to be merged must share grid, theta and ground. Got {one}; and {two}.")
         if roll_gap(robot) is not None and not other.rolls_tracked:
             raise ValueError(f"A map of {robot.name} to be merged knows no rolls; merged, it would claim them all.")
     seeds = [seed for other in maps for seed in other.construction.merged_seeds or (other.construction.seed,)]
@@ -204,7 +203,8 @@ def _insert_batch(inserter: Inserter, draws: Iterator[Orbits], reached: Construc
 def _identity(grid: Grid, construction: Construction) -> dict:
     """What two builds must share for one to go on where the other stopped."""
     settings = {
-        name: getattr(construction, name) for name in ("robot_fingerprint", "theta", "seed", "draw", "turns", "device")
+        name: getattr(construction, name)
+        for name in ("robot_fingerprint", "theta", "seed", "draw", "turns", "device", "ground")
     }
     return json.loads(json.dumps({"version": STATE_VERSION, "grid": asdict(grid), **settings}))
 
@@ -287,7 +287,7 @@ def _draw(index: int, slot: int) -> tuple[int, float, int]:
     """Draw orbits into a slot; how many, and what they share."""
     robot, construction, views = _sampler
     rng = np.random.default_rng((construction.seed, index, DRAW))
-    orbits = sample_workspace(robot, rng, construction.draw, construction.turns)
+    orbits = sample_workspace(robot, rng, construction.draw, construction.turns, construction.ground)
     arrays = orbits.joints, orbits.position, orbits.direction, orbits.gap_axis, orbits.free
     for view, array in zip(views, arrays, strict=True):
         view[slot, : len(array)] = array

@@ -53,6 +53,8 @@ class Construction:
     """Building stopped when this many directions were stored; 0 for no such target."""
     device: str = "cpu"
     """Where poses were compared with what was stored: cpu or cuda."""
+    ground: float | None = None
+    """Height in the base frame that no moving link was below, in [m]; None for no ground."""
     merged_seeds: tuple[int, ...] = ()
     """Seeds of the maps that were merged, in their order; none if the map was not merged."""
     draws: int = 0

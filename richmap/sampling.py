@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from richmap.collision import self_collision
+from richmap.ground import lowest_points
 from richmap.kinematics import flange_frames, joint_frames
 from richmap.robot import RobotDescription
 
@@ -48,7 +49,9 @@ class Orbits:
         return *turned, joints
 
 
-def sample_workspace(robot: RobotDescription, rng: np.random.Generator, configurations: int, turns: int) -> Orbits:
+def sample_workspace(
+    robot: RobotDescription, rng: np.random.Generator, configurations: int, turns: int, ground: float | None = None
+) -> Orbits:
     """Draw configurations uniformly within the joint limits and keep those free of self-collision.
 
     Each free configuration is used again at the other `turns - 1` angles of joint 1, evenly spread over the circle,
@@ -59,10 +62,13 @@ def sample_workspace(robot: RobotDescription, rng: np.random.Generator, configur
         rng: Source of randomness.
         configurations: Number of configurations to draw.
         turns: Angles of joint 1 per configuration, a power of two; 1 switches orbit sampling off.
+        ground: Height in the base frame that no moving link may be below, in [m]; None for no ground.
     """
     joints = rng.uniform(robot.lower, robot.upper, (configurations, len(robot.joints)))
     check = self_collision(robot)
     joints = joints[~check(joints)]
+    if ground is not None:
+        joints = joints[lowest_points(robot, joints) >= ground]
     position, rotation = flange_frames(robot, joints)
     way = way_about_base_z(robot)
     if way == 0:

@@ -10,6 +10,7 @@ from richmap.construction import build_map, merge
 from richmap.directions import capacity_bound
 from richmap.files import FileRefusedError
 from richmap.grid import Grid
+from richmap.ground import lowest_points
 from richmap.kinematics import flange_frames
 from richmap.reachability_map import Construction, Reach, ReachabilityMap
 from richmap.robots import load_robot
@@ -151,6 +152,16 @@ def test_a_target_is_reached_and_gone_on_from(coarse_map, tmp_path):
     assert whole.content_hash == coarse_map.content_hash
     again = build_map(ROBOT, GRID, coarse(ROBOT, target=5000), tmp_path, workers=1)  # from a state that went further
     assert again.content_hash == part.content_hash
+
+
+def test_over_ground_no_link_is_below_it_and_the_map_is_smaller(coarse_map, tmp_path):
+    over = build_map(ROBOT, GRID, coarse(ROBOT, ground=0.0), tmp_path / "ground", workers=1)
+    rows = np.random.default_rng(0).choice(over.inserted, 2000, replace=False)
+    assert lowest_points(ROBOT, over.configurations(rows)).min() > -1e-3  # configurations are rounded
+    assert 0.3 * coarse_map.inserted < over.inserted < 0.9 * coarse_map.inserted
+    with pytest.raises(ValueError, match="share grid, theta and ground"):
+        other = build_map(ROBOT, GRID, coarse(ROBOT, seed=1, stop_rate=0.5), tmp_path / "none", workers=1)
+        merge(ROBOT, [over, other], tmp_path / "refused")
 
 
 def test_the_state_of_another_build_is_refused(coarse_map, tmp_path):
