@@ -144,7 +144,7 @@ def test_the_keyboard_reaches_filters_titles_and_rows(opened):
     from selenium.webdriver.common.keys import Keys
 
     browser, reached = opened(), []
-    for _ in range(26):
+    for _ in range(40):
         browser.switch_to.active_element.send_keys(Keys.TAB)
         reached.append(browser.switch_to.active_element)
     named = [x.get_attribute("name") or x.get_attribute("aria-label") or x.text for x in reached]
