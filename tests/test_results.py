@@ -42,7 +42,8 @@ STORE = """
 import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
-from test_results import episode, store_episodes
+from made_up_episodes import episode
+from benchmark.results import store_episodes
 for seed in range(int(sys.argv[3]), int(sys.argv[3]) + 5):
     store_episodes(Path(sys.argv[2]), [episode(seed)])
 """
