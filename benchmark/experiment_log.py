@@ -156,7 +156,7 @@ def log_curves(config: WandbConfig, episodes: "pd.DataFrame", group: str) -> Non
     """
     if episodes.empty:
         return
-    from benchmark.leaderboard import ARM, SAMPLING, Protocol, leaderboard
+    from benchmark.ranking import ARM, SAMPLING, Protocol, leaderboard
     from benchmark.scores import SCORES
 
     alike = [*ARM, *SAMPLING, "code_version"]

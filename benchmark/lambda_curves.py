@@ -29,7 +29,7 @@ class LambdaCurvesConfig:
 
 def main(config: LambdaCurvesConfig) -> None:
     """Draw what is stored."""
-    from benchmark.leaderboard import PROTOCOLS, counted, leaderboard
+    from benchmark.ranking import PROTOCOLS, counted, leaderboard
     from benchmark.trusted_rows import read_all_episodes
 
     (paper,) = [protocol for protocol in PROTOCOLS if protocol.name == "paper"]
@@ -51,7 +51,7 @@ def curves(table: "pd.DataFrame") -> "Figure":
     """A column per arm; a line per method, from direct transfer at 0 on; the paper's figures as dashes.
 
     Args:
-        table: `benchmark.leaderboard.leaderboard` by the paper's protocol.
+        table: `benchmark.ranking.leaderboard` by the paper's protocol.
     """
     import numpy as np
     from matplotlib.figure import Figure

@@ -13,7 +13,7 @@ from benchmark.published import TABLE_3
 if TYPE_CHECKING:
     import pandas as pd
 
-    from benchmark.leaderboard import Protocol
+    from benchmark.ranking import Protocol
 
 TEMPLATE = Path(__file__).with_suffix(".html")
 

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from benchmark.leaderboard import ARM
 from benchmark.published import TABLE_3
+from benchmark.ranking import ARM
 from benchmark.scores import causes_text, difference_text, with_interval
 
 if TYPE_CHECKING:
-    from benchmark.leaderboard import Protocol
+    from benchmark.ranking import Protocol
 
 TEXT = """# Leaderboard
 

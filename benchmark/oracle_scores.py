@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from benchmark.leaderboard import ARM
+from benchmark.ranking import ARM
 from benchmark.scores import SCORES
 from benchmark.statistics import rate_interval
 

@@ -107,7 +107,7 @@ def direct_episodes(folder: Path) -> "pd.DataFrame":
     """Stored episodes of direct transfer on test seeds, with their paths."""
     import pandas as pd
 
-    from benchmark.leaderboard import FIRST_TEST_SEED
+    from benchmark.config import FIRST_TEST_SEED
     from benchmark.trusted_rows import read_all_episodes
 
     table = read_all_episodes(folder, FIRST_TEST_SEED)

@@ -9,10 +9,12 @@ import pytest
 from omegaconf import OmegaConf
 
 from benchmark.command import CONF, SettingError
+from benchmark.config import FIRST_TEST_SEED
 from benchmark.lambda_curves import curves
-from benchmark.leaderboard import FIRST_TEST_SEED, PROTOCOLS, LeaderboardConfig, counted, leaderboard, main
+from benchmark.leaderboard import LeaderboardConfig, main
 from benchmark.leaderboard_text import beside_the_paper
 from benchmark.oracle_scores import with_oracles
+from benchmark.ranking import PROTOCOLS, counted, leaderboard
 from benchmark.statistics import holm, paired_p_value
 
 PAPER, STRICT = PROTOCOLS

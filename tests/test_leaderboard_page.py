@@ -7,9 +7,9 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 
-from benchmark.leaderboard import PROTOCOLS, counted, leaderboard
 from benchmark.leaderboard_page import page
 from benchmark.oracle_scores import with_oracles
+from benchmark.ranking import PROTOCOLS, counted, leaderboard
 
 PAPER, STRICT = PROTOCOLS
 QUIET = [

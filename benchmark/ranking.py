@@ -1,0 +1,198 @@
+"""Methods ranked on each arm: a pure function of the episodes tables, by two protocols."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from benchmark.command import SettingError
+from benchmark.config import FIRST_TEST_SEED, TASK_ARMS
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from benchmark.statistics import Crossed
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """Which test episodes count, and by which scores."""
+
+    name: str
+    settings: tuple[str, ...]
+    episodes: int
+    """Of each policy, from the first test seed on."""
+    policies: int
+    """Of ours; an entry may have one of its own."""
+    scores: tuple[str, ...]
+    """The first one ranks."""
+    best_only: bool
+    """Whether of our own policies only the best checkpoint of each training seed counts."""
+
+
+PROTOCOLS = (
+    Protocol("paper", ("original",), 50, 9, ("score", "p2"), best_only=False),
+    Protocol("strict", ("embodied", "best"), 500, 3, ("p2", "success_at_end", "p1", "score"), best_only=True),
+)
+
+ARM = ["setting", "robot", "base", "branch", "self_collision", "joint_limits", "orientation_weight"]
+SAMPLING = ["sampler", "sampling_steps", "batch_shape", "device"]
+GUIDANCE = ["method", "lambda", "field_fingerprint", "cell_size", "entry_hash"]
+"""Columns of the episodes table that rows must share, with their code version, to be counted together, whatever their
+policy."""
+
+MECHANISM = ("far_target_first", "share_near_base", "share_rectangle_a", "share_rectangle_b", "share_outer_reach")
+"""What guidance is said to change: whether the first block goes to the farther target, and where the flange spends its
+steps."""
+
+
+def counted(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
+    """The rows that a protocol counts."""
+    if episodes.empty:
+        return episodes
+    seeds = range(FIRST_TEST_SEED, FIRST_TEST_SEED + protocol.episodes)
+    counts = episodes.setting.isin(protocol.settings) & episodes.episode_seed.isin(seeds)
+    if protocol.best_only:
+        lesser = episodes.checkpoint.str.fullmatch(r"seed\d+-([2-9]|\d\d+)")
+        counts &= ~lesser | (episodes.entry_hash != "")  # What an entry calls its policies says nothing of their rank.
+    return episodes[counts]
+
+
+def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
+    """One row per arm and method, over all policies: scores, differences to direct transfer, what changed, causes.
+
+    For each score and each of `MECHANISM` there is its mean (the column of its name), `_low` and `_high`, its
+    difference to direct transfer on the same episodes of the same policies, `_difference`, `_difference_low` and
+    `_high`; for scores also the least and most of any policy, `_least` and `_most`, the difference's `_p`
+    (`statistics.sign_flip_p_value`), and `_holm`, the same adjusted for all robots, methods and scales of the setting.
+    Likewise, for direct transfer at an arm's best base, that to direct transfer at the common one, `_base_difference`
+    and `_base_p`. NaN where there is nothing to compare with. `policies` has the figures of each.
+
+    Args:
+        episodes: The rows that count.
+        protocol: Says by which scores.
+
+    Raises:
+        SettingError: If two policies go by one name.
+    """
+    import pandas as pd
+
+    from benchmark.statistics import holm
+
+    rows = []
+    episodes = episodes.assign(far_target_first=_far_target_first(episodes), training=_training(episodes))
+    for _, of_arm in episodes.groupby([*ARM, "code_version"]):
+        for _, group in of_arm.groupby([*GUIDANCE, *SAMPLING], dropna=False):
+            rows.append(_row(group, _direct(of_arm, group), protocol) | _to_common_base(episodes, group, protocol))
+    table = pd.DataFrame(rows)
+    for score in protocol.scores:
+        table[f"{score}_holm"] = table.groupby("setting")[f"{score}_p"].transform(holm)
+    rank = [protocol.settings.index(x) for x in table.setting], [TASK_ARMS.index(x) for x in table.robot]
+    order = np.lexsort([table["lambda"], -table[protocol.scores[0]], *rank[::-1]])
+    return table.iloc[order].reset_index(drop=True)
+
+
+def _far_target_first(episodes: "pd.DataFrame") -> "pd.Series":
+    """1 where the first block that entered a target entered the farther one, 0 for the nearer, NaN for none."""
+    return episodes.first_target.map({"far": 1.0, "near": 0.0}).astype(float)
+
+
+def _training(episodes: "pd.DataFrame") -> "pd.Series":
+    """What counts as one training: the seed, or where the checkpoint does not say, the checkpoint."""
+    seed = episodes.training_seed
+    return seed.astype(str).where(seed >= 0, episodes.checkpoint_hash)
+
+
+def _direct(of_arm: "pd.DataFrame", group: "pd.DataFrame") -> "pd.DataFrame":
+    """Episodes of direct transfer that a group can be compared with; none for direct transfer itself."""
+    same = (of_arm[SAMPLING] == group[SAMPLING].iloc[0]).all(axis=1)
+    return of_arm[same & (of_arm.method == "direct") & (group.method.iloc[0] != "direct")]
+
+
+def _to_common_base(episodes: "pd.DataFrame", group: "pd.DataFrame", protocol: Protocol) -> dict[str, float]:
+    """Difference of direct transfer at the best base to that at the common one; NaN for all else."""
+    from benchmark.statistics import clustered_difference, sign_flip_p_value
+
+    alike = ["robot", "method", "code_version", *SAMPLING]
+    common = episodes[(episodes[alike] == group[alike].iloc[0]).all(axis=1) & (episodes.setting == "embodied")]
+    if group.setting.iloc[0] != "best" or group.method.iloc[0] != "direct":
+        common = common[:0]
+    pairs = group.merge(common, on=["checkpoint_hash", "episode_seed"], suffixes=("", "_common"))
+    row: dict[str, float] = {}
+    for name in protocol.scores:
+        crossed = _crossed(pairs, pairs[name].astype(float) - pairs[f"{name}_common"].astype(float))
+        row |= _named(f"{name}_base_difference", clustered_difference(crossed))
+        row[f"{name}_base_p"] = sign_flip_p_value(crossed)
+    return row
+
+
+def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol) -> dict:
+    """One row of the leaderboard."""
+    from benchmark.statistics import clustered_difference, clustered_mean, sign_flip_p_value
+
+    first = group.iloc[0]
+    names = group.groupby("checkpoint").checkpoint_hash.nunique()
+    if names.max() > 1:
+        raise SettingError(
+            f"Two policies go by the name {names.idxmax()} on {first.robot}, {first.setting}, {first.method} "
+            f"{first['lambda']:g}: {', '.join(x[:12] for x in group.checkpoint_hash.unique())}. "
+            "Move the episodes.parquet of one of them away."
+        )
+    policies = group.checkpoint.nunique() if first.entry_hash else protocol.policies
+    row = first[[*ARM, *GUIDANCE, *SAMPLING, "code_version"]].to_dict() | {
+        "entry": bool(first.entry_hash),
+        "commits": sorted(group.commit.unique()),
+        "n": len(group),
+        "episodes": group.episode_seed.nunique(),
+        "complete": len(group) == protocol.episodes * policies,
+        "trainings": group.training.nunique(),
+        "causes": group.failure_cause.dropna().value_counts().to_dict(),
+    }
+    pairs = group.merge(direct, on=["checkpoint_hash", "episode_seed"], suffixes=("", "_direct"))
+    for name in (*protocol.scores, *MECHANISM):
+        extra = {"extra": ()} if name.startswith("share_") else {}
+        row |= _named(name, clustered_mean(_crossed(group, group[name]), **extra))
+        row |= _named(f"{name}_difference", (np.nan,) * 3)
+        row |= {f"{name}_p": np.nan} if name in protocol.scores else {}
+        if len(pairs):
+            difference = pairs[name].astype(float) - pairs[f"{name}_direct"].astype(float)
+            crossed = _crossed(pairs, difference)
+            row |= _named(f"{name}_difference", clustered_difference(crossed, **extra))
+            if name in protocol.scores:
+                row[f"{name}_p"] = sign_flip_p_value(crossed)
+    changed = (pairs.first_block != pairs.first_block_direct) | (pairs.first_target != pairs.first_target_direct)
+    row |= _named("order_changed", clustered_mean(_crossed(pairs, changed)) if len(pairs) else (np.nan,) * 3)
+    row["policies"] = [_policy(rows, direct, protocol) for _, rows in group.groupby("checkpoint")]
+    for score in protocol.scores:
+        means = [policy[score] for policy in row["policies"]]
+        row |= {f"{score}_least": min(means), f"{score}_most": max(means)}
+    return row
+
+
+def _crossed(rows: "pd.DataFrame", values: "pd.Series") -> "Crossed":
+    """Values of these rows by training and episode."""
+    from benchmark.statistics import Crossed
+
+    return Crossed(values.to_numpy(float, na_value=np.nan), rows.training.to_numpy(str), rows.episode_seed.to_numpy())
+
+
+def _policy(rows: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol) -> dict:
+    """Figures of one policy: Wilson intervals, paired differences to direct transfer, exact McNemar tests."""
+    from benchmark.scores import paired
+    from benchmark.statistics import rate_interval
+
+    policy = {"checkpoint": rows.checkpoint.iloc[0], "n": len(rows)}
+    control = direct[direct.checkpoint_hash == rows.checkpoint_hash.iloc[0]]
+    differences = paired(rows, control).set_index("score") if len(control) else None
+    for score in protocol.scores:
+        values = rows[score].to_numpy(dtype=float)
+        policy |= _named(score, (values.mean(), *rate_interval(values)))
+        policy |= _named(f"{score}_difference", (np.nan,) * 3) | {f"{score}_mcnemar": np.nan}
+        if differences is not None:
+            *interval, p_value = differences.loc[score, ["difference", "low", "high", "p"]]
+            policy |= _named(f"{score}_difference", interval) | {f"{score}_mcnemar": p_value}
+    return policy
+
+
+def _named(name: str, interval: tuple[float, float, float]) -> dict[str, float]:
+    return dict(zip((name, f"{name}_low", f"{name}_high"), interval, strict=True))
