@@ -10,18 +10,25 @@ from benchmark.cache import package_versions
 
 ROOT = Path(__file__).parents[1]
 
+ALIKE = {"3ac3fbb76dc9": "ce7997918d00"}
+"""Versions by an older one whose episodes they give, so that they go by its name: after a change that was meant to
+change no episode, all 153 rows that were drawn at random of those stored on the same kind of machine replayed to the
+last bit (`python -m benchmark.replay table=results/transfer random=100 seed=7`, of results/methods 60, of
+results/scales 20)."""
+
 
 @cache
 def code_version() -> str:
     """SHA-256, first 12 digits, over the code, collision geometry and packages that decide an episode.
 
     That is a rollout's own code, the environments, the policies, and of `richmap` what these import: not how maps are
-    built, which the fingerprint of a row's field stands for, nor how they are asked and verified.
+    built, which the fingerprint of a row's field stands for, nor how they are asked and verified. See `ALIKE`.
     """
     digest = hashlib.sha256(package_versions("mujoco", "robosuite", "numpy", "torch", "lerobot", "diffusers").encode())
     for file in deciding_files():
         digest.update(file.relative_to(ROOT).as_posix().encode() + file.read_bytes())
-    return digest.hexdigest()[:12]
+    version = digest.hexdigest()[:12]
+    return ALIKE.get(version, version)
 
 
 def deciding_files() -> list[Path]:
