@@ -28,9 +28,11 @@ def urdf_from_mjcf(path: Path) -> str:
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         files = _strip_looks(spec, path)
-        spec.compiler.boundmass = max(spec.compiler.boundmass, LEAST_MASS)
-        spec.compiler.boundinertia = max(spec.compiler.boundinertia, LEAST_INERTIA)
-        model = spec.compile()
+        try:
+            model = spec.compile()
+        except ValueError:  # Perhaps of a moving body that has no mass without its looks.
+            spec.compiler.boundmass, spec.compiler.boundinertia = LEAST_MASS, LEAST_INERTIA
+            model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise ValueError(f"{path} is no MJCF that MuJoCo reads: {error}") from error
     robot = ET.Element("robot", name=spec.modelname or path.stem)

@@ -37,8 +37,8 @@ def queries(sampled_map):
 
 
 NAMES = ["reachable", "nearest", "index", "bitmap", "exact", "fraction", "rm4d"]
-POSITIONS = np.array([[0.3, 0.1, 0.2], [0.2, -0.3, 0.3]])
-DOWN = np.array([[0.0, 0.0, -1.0], [0.0, 0.6, -0.8]])
+POSITIONS = np.array([[0.31, 0.12, 0.23], [0.22, -0.33, 0.34]])  # on no border of cells
+DOWN = np.array([[0.1, -0.1, -np.sqrt(0.98)], [0.0, 0.6, -0.8]])
 
 
 @pytest.mark.parametrize("name", NAMES)
