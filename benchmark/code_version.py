@@ -12,9 +12,8 @@ ROOT = Path(__file__).parents[1]
 
 ALIKE = {"3d4c682fb1d2": "ce7997918d00"}
 """Versions by an older one whose episodes they give, so that they go by its name: after a change that was meant to
-change no episode, all 153 rows that were drawn at random of those stored on the same kind of machine replayed to the
-last bit (`python -m benchmark.replay table=results/transfer random=100 seed=7`, of results/methods 60, of
-results/scales 20)."""
+change no episode, all rows drawn at random replayed to the last bit (`python -m benchmark.replay table=results/transfer
+random=60 seed=8`; before its last line was written also 60 of results/methods and 20 of results/scales)."""
 
 
 @cache
