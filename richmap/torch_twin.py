@@ -194,8 +194,8 @@ class TorchNearest:
         self, grid: Grid, start: Int[np.ndarray, " cells1"], directions: Float[np.ndarray, "n 3"], device: str
     ) -> None:
         self.grid, self.device = grid, torch.device(device)
-        self._start = torch.as_tensor(start, device=self.device)
-        self._directions = torch.as_tensor(directions, device=self.device)
+        self._start = torch.tensor(start, device=self.device)  # a copy: a map's arrays are read-only
+        self._directions = torch.tensor(directions, device=self.device)
 
     @torch.no_grad()
     def __call__(
