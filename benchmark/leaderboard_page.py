@@ -55,7 +55,15 @@ def pictures(folder: Path) -> list[dict[str, str]]:
     return [
         {
             "caption": ", ".join(file.stem.replace("lambda", "λ ").split("-")),
-            "source": f"data:image/gif;base64,{base64.b64encode(file.read_bytes()).decode()}",
+            "source": f"data:image/webp;base64,{base64.b64encode(_webp(file)).decode()}",
         }
         for file in files
     ]
+
+
+def _webp(gif: Path) -> bytes:
+    """A moving picture as WebP, which takes a tenth of the space."""
+    import imageio.v3 as imageio
+
+    duration = imageio.immeta(gif)["duration"]
+    return imageio.imwrite("<bytes>", imageio.imread(gif), extension=".webp", duration=duration, loop=0, quality=60)

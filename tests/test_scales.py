@@ -8,39 +8,16 @@ from PIL import Image
 from benchmark import field_sensitivity, rollout, scales
 from benchmark.command import SettingError
 from benchmark.config import RobotConfig
-from benchmark.results import Condition, Episode, read_episodes
+from benchmark.results import read_episodes
 from benchmark.scales import ScalesConfig
-from envs.outcome import EpisodeOutcome
 from policies.methods import METHODS
-
-CONDITION = Condition(
-    robot="ur3", setting="embodied", base="0 0 0", branch="out", self_collision=True, joint_limits=True,
-    orientation_weight=1.0, method="direct", guidance_scale=0.0, sampler="DDIM", sampling_steps=10, training_seed=42,
-    checkpoint="seed42-1", checkpoint_hash="abc", field_fingerprint="", cell_size=float("nan"), batch_shape=10,
-    device="cpu", code_version="v1", commit="c1",
-)  # fmt: skip
-
-
-def episode(seed, p2, condition):
-    """One in which a block is placed, or both are."""
-    values = {f.name: 0.0 if f.type in (float, "float") else None for f in dataclasses.fields(EpisodeOutcome)}
-    values |= {
-        "score": 0.49 + 0.51 * p2,
-        "p1": True,
-        "p2": bool(p2),
-        "success_at_end": bool(p2),
-        "length": 9,
-        "mode": 0,
-        "path_x": (400, 410),
-        "path_y": (-200, -190),
-    }
-    return Episode(condition, seed, seed % 10, EpisodeOutcome(**values))
+from tests.made_up_episodes import CONDITION, episode
 
 
 def rows(method, scale, placed, first=50_000, weights="abc"):
     """Episodes of which the first are placed as told."""
     condition = dataclasses.replace(CONDITION, method=method, guidance_scale=scale, checkpoint_hash=weights)
-    return [episode(first + i, p2=p2, condition=condition).row() for i, p2 in enumerate(placed)]
+    return [episode(first + i, p2=bool(p2), condition=condition).row() for i, p2 in enumerate(placed)]
 
 
 def test_scales_double_and_every_method_has_some():
