@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
 from richmap.checked_poses import checked_poses
-from richmap.direction_index import EMPTY, DirectionIndex, any_within, cell_of, runs_within
+from richmap.direction_blocks import runs_within
+from richmap.direction_index import EMPTY, DirectionIndex, any_within, cell_of
 from richmap.directions import WARP, bin_corners
 from richmap.files import reading, save_arrays
 from richmap.grid import Grid

@@ -16,8 +16,8 @@ from richmap.checked_poses import checked_poses
 from richmap.direction_index import DirectionIndex
 from richmap.files import check_robot, reading, save_arrays
 from richmap.grid import Grid
-from richmap.insertion import FULL_CIRCLE, roll_about
 from richmap.robot import RobotDescription
+from richmap.roll import FULL_CIRCLE, roll_about
 
 KIND, VERSION = "richmap.ReachabilityMap", 3
 
@@ -75,7 +75,7 @@ class Construction:
 class ReachabilityMap:
     """Approach directions that one robot's flange reaches in each cell, at least theta apart (RichMap, Eq. 3).
 
-    Directions are sorted by cell, and in a cell by `direction_index.block_of`: those of flat cell c are rows
+    Directions are sorted by cell, and in a cell by `direction_blocks.block_of`: those of flat cell c are rows
     `start[c]` to `start[c + 1]`.
     """
 
@@ -141,7 +141,7 @@ class ReachabilityMap:
     def seen_rolls(self, rows: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
         """Interval of rolls seen at these rows of `directions`, start and width in [rad].
 
-        Roll is the angle of the flange's +x axis about the direction in its canonical frame (`roll_about`).
+        Roll is the angle of the flange's +x axis about the direction in its canonical frame (`roll.roll_about`).
 
         Raises:
             ValueError: If rolls are not tracked on this arm.

@@ -19,7 +19,7 @@ print(*{module.__file__ for module in list(sys.modules.values()) if getattr(modu
 """
 MAKES_MAPS = {
     "similarity", "reachability_map", "checked_poses", "direction_index", "directions", "insertion", "sampling",
-    "ground", "torch_twin",
+    "ground", "torch_twin", "direction_blocks", "roll",
 }  # fmt: skip
 """Modules that a field's maker imports; the fingerprint of the field, which is a column, stands for what they do."""
 

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from richmap.direction_index import DirectionIndex, block_of
+from richmap.direction_blocks import block_of
+from richmap.direction_index import DirectionIndex
 from richmap.grid import Grid
 
 GRID = Grid((-0.1, -0.1, -0.1), 0.1, (2, 2, 2))

@@ -3,7 +3,8 @@ import pytest
 
 from richmap.directions import capacity_bound
 from richmap.grid import Grid
-from richmap.insertion import FULL_CIRCLE, Inserter, axis_at_roll, roll_about
+from richmap.insertion import Inserter
+from richmap.roll import FULL_CIRCLE, axis_at_roll, roll_about
 from richmap.sampling import Orbits
 from richmap.torch_twin import TorchPhase1
 
