@@ -56,6 +56,7 @@ def markdown(tables: "dict[Protocol, pd.DataFrame]") -> str:
     """The leaderboards of all protocols as one document."""
     parts = [TEXT]
     for protocol, table in tables.items():
+        table = in_order(table, protocol)
         parts += [f"## Protocol `{protocol.name}`", PROTOCOL_TEXTS[protocol.name]]
         if protocol.name == "paper":
             parts += ["### Beside the paper's Table 3", PAPER_TEXT, _text(beside_the_paper(table))]
@@ -68,6 +69,14 @@ def markdown(tables: "dict[Protocol, pd.DataFrame]") -> str:
         if protocol.best_only:
             parts += ["### Policy by policy", _text(by_policy(table, protocol))]
     return "\n\n".join(part.strip() for part in parts) + "\n"
+
+
+def in_order(table: pd.DataFrame, protocol: "Protocol") -> pd.DataFrame:
+    """Arm by arm the best method first, or for the paper's protocol along its curve."""
+    if protocol.name != "paper":
+        return table
+    arms = table.groupby([*ARM, "code_version"], sort=False)
+    return pd.concat([rows.sort_values(["method", "lambda"]) for _, rows in arms])
 
 
 def beside_the_paper(table: pd.DataFrame) -> pd.DataFrame:
@@ -114,9 +123,7 @@ def oracle_text(measured: dict | None) -> str:
 
 
 def scores(rows: pd.DataFrame, protocol: "Protocol") -> pd.DataFrame:
-    """Scores of all methods on one arm, the best first, or for the paper's protocol along its curve."""
-    if protocol.name == "paper":
-        rows = rows.sort_values(["method", "lambda"])
+    """Scores of all methods on one arm."""
     shown = {**_method(rows), "n": [f"{row.n}{'' if row.complete else '*'}" for row in rows.itertuples()]}
     for name in protocol.scores:
         shown |= {
