@@ -25,10 +25,14 @@ def draw_success(table: "pd.DataFrame") -> "Figure":
         table: Rows of `benchmark.scales.scale_table`.
     """
     direct = table[table.method == "direct"].iloc[0]
-    methods = [method for method in _order(table.method.unique()) if method != "direct"]
-    figure, panels = _panels(len(methods), 2.6, sharey=True)
-    for ax, method in zip(panels, methods, strict=True):
-        rows = table[table.method == method]
+    curves = [
+        rows
+        for method in _order(table.method)
+        for _, rows in table[table.method == method].groupby("field_fingerprint")
+        if method != "direct"
+    ]
+    figure, panels = _panels(len(curves), 2.6, sharey=True)
+    for ax, rows in zip(panels, curves, strict=True):
         ax.axhspan(100 * direct.p2_low, 100 * direct.p2_high, color="0.9")
         ax.axhline(100 * direct.p2, color="0.5", linewidth=1, label="direct transfer")
         ax.fill_between(rows["lambda"], 100 * rows.p2_low, 100 * rows.p2_high, alpha=0.25)
@@ -37,7 +41,7 @@ def draw_success(table: "pd.DataFrame") -> "Figure":
         ax.plot(chosen["lambda"], 100 * chosen.p2, "*", color="black", markersize=9, label="chosen")
         ax.set_xscale("log", base=2)
         ax.set_xticks(rows["lambda"], [f"{scale:g}" for scale in rows["lambda"]], rotation=60, fontsize="x-small")
-        ax.set(title=method, ylim=(0, 102))
+        ax.set(title=method_and_cells(rows.iloc[0]), ylim=(0, 102))
     for ax in panels[::PANELS]:
         ax.set_ylabel("p2 [%]")
     figure.supxlabel("scale λ, in each method's own unit")
@@ -99,6 +103,11 @@ def asked_for(guidance: "Guidance", points: np.ndarray) -> np.ndarray:
     if guidance.samples > 1:  # The sample that it leads to is the one that is furthest down.
         return -guidance.field.gradient(np.hstack([points, np.full((len(points), 1), FLANGE_HEIGHT)]))[:, :2]
     return guidance.correct(still, effector)[:, 0].numpy()
+
+
+def method_and_cells(row: "pd.Series") -> str:
+    """What a row's method is called, with the cells of the field that it looks at."""
+    return row.method if math.isnan(row.cell_size) else f"{row.method}, cells {row.cell_size:g} m"
 
 
 def _order(names) -> list[str]:

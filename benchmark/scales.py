@@ -49,6 +49,9 @@ EPISODE_SECONDS = 0.3
 ARM = ["robot", "setting", "base", "branch", "self_collision", "orientation_weight", "sampler", "sampling_steps"]
 """Columns of the episodes table that a scale is chosen for."""
 
+METHOD = ["method", "cell_size", "field_fingerprint"]
+"""And these: slopes of two fields are of two sizes, so that a scale holds for one of them."""
+
 
 @dataclass
 class ScalesConfig:
@@ -246,7 +249,7 @@ def run_points(
 
 
 def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
-    """One row per arm, method and scale, over all checkpoints: n, p2, score, and their differences to direct transfer.
+    """A row per arm, method, field and scale, over all checkpoints: n, p2, score, and differences to direct transfer.
 
     Differences are paired: same checkpoint, same episode. `chosen` is the scale with the best p2, of equal ones the
     smallest. Intervals are over episodes.
@@ -258,10 +261,10 @@ def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
     rows = []
     for arm, group in episodes.groupby(ARM, sort=True):
         direct = group[group.method == "direct"]
-        for (method, scale), point in group.groupby(["method", "lambda"], sort=False):
+        for key, point in group.groupby([*METHOD, "lambda"], sort=False, dropna=False):
             pairs = point.merge(direct, on=["checkpoint_hash", "episode_seed"], suffixes=("", "_direct"))
-            row = dict(zip(ARM, arm, strict=True)) | {"method": method, "lambda": scale, "n": len(point)}
-            row |= {"checkpoints": point.checkpoint_hash.nunique()}
+            row = dict(zip([*ARM, *METHOD, "lambda"], (*arm, *key), strict=True))
+            row |= {"n": len(point), "checkpoints": point.checkpoint_hash.nunique()}
             for name in ("p2", "score"):
                 values, control = pairs[name].astype(float), pairs[f"{name}_direct"].astype(float)
                 row[name] = point[name].astype(float).mean()
@@ -269,54 +272,64 @@ def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
                 for end, value in zip(("", "_low", "_high"), paired_difference(values, control), strict=True):
                     row[f"{name}_difference{end}"] = value
             rows.append(row)
-    table = pd.DataFrame(rows).sort_values([*ARM, "method", "lambda"], ignore_index=True)
-    best = table.sort_values(["p2", "lambda"], ascending=[False, True]).groupby([*ARM, "method"]).head(1)
+    table = pd.DataFrame(rows).sort_values([*ARM, *METHOD, "lambda"], ignore_index=True)
+    in_order = table.sort_values(["p2", "lambda"], ascending=[False, True])
+    best = in_order.groupby([*ARM, *METHOD], dropna=False).head(1)
     return table.assign(chosen=table.index.isin(best.index))
 
 
 def chosen_scale(config: RunConfig) -> float:
-    """The scale of the settings' method that was chosen for their arm, in `config.scales_dir`.
+    """The scale of the settings' method that was chosen for their arm and field, in `config.scales_dir`.
 
     Raises:
         SettingError: If none was.
     """
     from rich.console import Console
 
-    from benchmark.run import chosen_checkpoint, make_rollout
+    from benchmark.arm import chosen_arm
+    from benchmark.run import chosen_checkpoint, guidance_field, make_rollout
 
-    direct = replace(config, guidance_scale=0.0)
-    condition = make_rollout(direct, 0.0, chosen_checkpoint(direct), Console(quiet=True)).condition
-    chosen = _chosen(Path(config.scales_dir), condition.code_version)
+    console, direct = Console(quiet=True), replace(config, guidance_scale=0.0)
+    condition = make_rollout(direct, 0.0, chosen_checkpoint(direct), console).condition
     arm = tuple(getattr(condition, name) for name in ARM)
-    if (*arm, config.method) not in chosen:
-        raise SettingError(
-            f"lambda=null: {config.scales_dir} has no scale of method={config.method} for {config.robot.name}, "
-            f"{config.setting}. Choose one: python -m benchmark.scales robot={config.robot.name} "
-            f"setting={config.setting} methods=[{config.method}], or give lambda."
-        )
-    return chosen[*arm, config.method]
+    chosen = _chosen(Path(config.scales_dir), condition.code_version).get((*arm, config.method), {})
+    if chosen:
+        field, _ = guidance_field(METHODS[config.method].field, chosen_arm(config), config, console)
+        fingerprint = field.about["fingerprint"] if field else ""
+        if fingerprint in chosen:
+            return chosen[fingerprint]
+    raise SettingError(
+        f"lambda=null: {config.scales_dir} has no scale of method={config.method} for {config.robot.name}, "
+        f"{config.setting}{' with the field of these settings' if chosen else ''}. Choose one: python -m "
+        f"benchmark.scales robot={config.robot.name} setting={config.setting} methods=[{config.method}], or give "
+        "lambda."
+    )
 
 
 @cache
-def _chosen(folder: Path, code_version: str) -> dict[tuple, float]:
-    """The chosen scales by arm and method, from the validation episodes of one version of the code."""
+def _chosen(folder: Path, code_version: str) -> dict[tuple, dict[str, float]]:
+    """The chosen scales by arm and method, and by field, from the validation episodes of one version of the code."""
     from benchmark.results import read_episodes
 
-    columns = [*ARM, "method", "lambda", "checkpoint_hash", "episode_seed", "p2", "score", "code_version"]
+    columns = [*ARM, *METHOD, "lambda", "checkpoint_hash", "episode_seed", "p2", "score", "code_version"]
     episodes = read_episodes(folder, columns)
     if episodes.empty:
         return {}
     episodes = episodes[(episodes.code_version == code_version) & episodes.episode_seed.between(50_000, 59_999)]
     if episodes.empty:
         return {}
-    table = scale_table(episodes)
-    return table[table.chosen].set_index([*ARM, "method"])["lambda"].to_dict()
+    table, chosen = scale_table(episodes), {}
+    for row in table[table.chosen].to_dict("records"):
+        of_method = chosen.setdefault(tuple(row[name] for name in [*ARM, "method"]), {})
+        of_method[row["field_fingerprint"]] = row["lambda"]
+    return chosen
 
 
 def shown(table: "pd.DataFrame") -> "pd.DataFrame":
     """The columns for people, in percent and points."""
     import pandas as pd
 
+    from benchmark.guidance_figures import method_and_cells
     from benchmark.scores import difference_text, with_interval
 
     def points(row: "pd.Series", name: str) -> str:
@@ -325,7 +338,7 @@ def shown(table: "pd.DataFrame") -> "pd.DataFrame":
     rows = [row for _, row in table.iterrows()]
     return pd.DataFrame(
         {
-            "method": [row.method for row in rows],
+            "method": [method_and_cells(row) for row in rows],
             "λ": [f"{row['lambda']:g}" for row in rows],
             "n": [row.n for row in rows],
             **{name: [with_interval(row, name) for row in rows] for name in ("p2", "score")},
@@ -338,9 +351,9 @@ TEXT = """# The scale of each method of guidance
 
 Validation episodes, the same for all; percent, with 95 % intervals over episodes (Wilson), and paired differences to
 direct transfer in points. Made by `python -m benchmark.scales robot=…`. Each method's λ was doubled until its p2 fell
-below half of direct transfer's (of methods that choose among samples, up to {most} samples); the chosen one has the
-best p2, of equal ones it is the smallest. Being the best of several on these episodes, its p2 here is too high: final
-figures come from other episodes.
+below half of direct transfer's, or as often as was asked (nine scales by default; methods that choose among samples
+end at {most} of them); the chosen one has the best p2, of equal ones it is the smallest. Being the best of several on
+these episodes, its p2 here is too high: final figures come from other episodes.
 
 {units}"""
 

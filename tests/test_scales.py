@@ -44,6 +44,16 @@ def test_the_table_is_what_counting_by_hand_gives():
     assert "## ur3, embodied" in text and "| paper" in text and "+25.0" in text
 
 
+def test_scales_of_two_fields_are_two():
+    coarse = pd.DataFrame(rows("paper", 0.5, [1, 1]) + rows("paper", 1.0, [0, 1])).assign(cell_size=0.05)
+    fine = pd.DataFrame(rows("paper", 0.5, [0, 0]) + rows("paper", 1.0, [0, 1])).assign(cell_size=0.02)
+    of_both = [coarse.assign(field_fingerprint="a"), fine.assign(field_fingerprint="b")]
+    table = scales.scale_table(pd.concat([pd.DataFrame(rows("direct", 0.0, [1, 0])), *of_both], ignore_index=True))
+    chosen = table[table.chosen & (table.method == "paper")]
+    assert [*zip(chosen.cell_size, chosen["lambda"], chosen.p2, strict=True)] == [(0.02, 1, 0.5), (0.05, 0.5, 1)]
+    assert "paper, cells 0.02 m" in scales.markdown(table)
+
+
 @pytest.fixture
 def simulated(monkeypatch):
     """Episodes without simulation: a push of 0.1 or more spoils them all. Notes which ones are run."""

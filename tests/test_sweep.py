@@ -1,11 +1,13 @@
 """Sweeps of `benchmark.run` through Hydra's launchers."""
 
+import math
 import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -80,15 +82,20 @@ def test_the_command_line_narrows_an_experiment():
     assert [job.method for job in two] == ["direct", "projection"]
 
 
-def scales(folder, version, setting="embodied"):
-    """A table of which the best of three scales is 0.02, by validation episodes."""
-    placed = {("direct", 0.0): [0, 0], ("projection", 0.01): [0, 1], ("projection", 0.02): [1, 1]}
-    placed |= {("projection", 0.04): [1, 0]}
-    arm = {"robot": "ur3", "setting": setting, "base": "0 0 0", "branch": "out", "self_collision": True}
-    arm |= {"orientation_weight": 1.0, "sampler": "DDIM", "sampling_steps": 10, "code_version": version}
+def scales(folder, condition):
+    """A table of which the best of three scales is 0.02, by validation episodes; with another field it is 0.04."""
+    method, field = condition.method, condition.field_fingerprint
+    placed = {("direct", 0.0, ""): [0, 0]}
+    placed |= {(method, 0.01, field): [0, 1], (method, 0.02, field): [1, 1], (method, 0.04, field): [1, 0]}
+    placed |= {(method, 0.02, "another"): [0, 1], (method, 0.04, "another"): [1, 1]}
+    arm = {"robot": "ur3", "setting": "embodied", "base": "0 0 0", "branch": "out", "self_collision": True}
+    arm |= {"orientation_weight": 1.0, "sampler": "DDIM", "sampling_steps": 10}
+    arm |= {"code_version": condition.code_version}
     rows = [
-        arm | {"method": method, "lambda": scale, "checkpoint_hash": "abc", "episode_seed": seed, "p2": p2, "score": p2}
-        for (method, scale), both in placed.items()
+        arm
+        | {"method": method, "lambda": scale, "field_fingerprint": field_, "cell_size": 0.02 if field_ else math.nan}
+        | {"checkpoint_hash": "abc", "episode_seed": seed, "p2": p2, "score": p2}
+        for (method, scale, field_), both in placed.items()
         for seed, p2 in enumerate(both, 50_000)
     ]
     rows.append(rows[-1] | {"episode_seed": 100_000, "lambda": 0.08, "p2": 1})  # no validation episode
@@ -99,16 +106,19 @@ def scales(folder, version, setting="embodied"):
 
 def test_the_scale_is_the_one_chosen_on_validation_episodes(tmp_path):
     config = RunConfig(RobotConfig("ur3"), None, "projection", device="cpu")
-    version = make_rollout(config, 0.0, checkpoint_folder(42), Console()).condition.code_version
-    config.scales_dir = scales(tmp_path / "a", version)
+    condition = make_rollout(config, 1.0, checkpoint_folder(42), Console()).condition
+    config.scales_dir = scales(tmp_path / "a", condition)
     assert with_scale(config).guidance_scale == 0.02
     config.method = "direct"
     assert with_scale(config).guidance_scale == 0
     config.method = "towards"
     with pytest.raises(SettingError, match="no scale of method=towards for ur3, embodied. Choose one: python -m bench"):
         with_scale(config)
-    config.method, config.scales_dir = "projection", scales(tmp_path / "b", "older code")
-    with pytest.raises(SettingError, match="no scale of method=projection"):
+    config.method, config.scales_dir = "projection", scales(tmp_path / "b", replace(condition, code_version="older"))
+    with pytest.raises(SettingError, match="no scale of method=projection for ur3, embodied. Choose"):
+        with_scale(config)
+    config.scales_dir = scales(tmp_path / "c", replace(condition, field_fingerprint="of finer cells"))
+    with pytest.raises(SettingError, match="no scale of method=projection for ur3, embodied with the field of these"):
         with_scale(config)
 
 
