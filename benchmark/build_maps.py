@@ -3,7 +3,6 @@
 python -m benchmark.build_maps robot=ur3
 """
 
-import math
 import shutil
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 from filelock import FileLock
 from rich.console import Console
 
-from benchmark.command import check_setting, run_command
+from benchmark.command import SettingError, check_setting, run_command
 from benchmark.config import SOURCE, EnergyConfig, MapConfig, RobotConfig, check_folder
 
 if TYPE_CHECKING:
@@ -69,7 +68,10 @@ def robot_map(
     def build() -> reachability_map.ReachabilityMap:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with lock, MapProgress(name, config, console) as progress:
-            built = construction.build_map(description, cells, asked, folder, workers, progress.report)
+            try:
+                built = construction.build_map(description, cells, asked, folder, workers, progress.report)
+            except ValueError as error:
+                raise SettingError(f"robot={name}: {error}") from error
         _seconds_file(built).write_text(f"{progress.seconds:.1f}")
         made.append(built)
         return built
@@ -108,6 +110,7 @@ def _key_and_folder(cells: "Grid", asked: "Construction") -> tuple[str, Path]:
         bounding_spheres,
         collision,
         construction,
+        direction_blocks,
         direction_index,
         directions,
         grid,
@@ -116,14 +119,15 @@ def _key_and_folder(cells: "Grid", asked: "Construction") -> tuple[str, Path]:
         kinematics,
         reachability_map,
         robot,
+        roll,
         sampling,
         shape,
         torch_twin,
     )
 
     code = [
-        bounding_spheres, collision, construction, direction_index, directions, grid, ground, insertion,
-        kinematics, reachability_map, robot, sampling, shape, torch_twin,
+        bounding_spheres, collision, construction, direction_blocks, direction_index, directions, grid, ground,
+        insertion, kinematics, reachability_map, robot, roll, sampling, shape, torch_twin,
     ]  # fmt: skip
     inputs = {"grid": asdict(cells), "construction": asdict(asked)}
     key = fingerprint(inputs, code)
@@ -135,8 +139,9 @@ def _key_and_folder(cells: "Grid", asked: "Construction") -> tuple[str, Path]:
 
 def build_seconds(built: "ReachabilityMap") -> float:
     """Wall time that the build of a map took on this machine, in [s]; NaN where it was not built here."""
-    file = _seconds_file(built)
-    return float(file.read_text()) if file.exists() else math.nan
+    from benchmark.cache import seconds
+
+    return seconds(_seconds_file(built))
 
 
 def _seconds_file(built: "ReachabilityMap") -> Path:
@@ -246,6 +251,8 @@ class MapProgress:
 def main(config: BuildMapsConfig) -> None:
     """Build what is missing and say where it is."""
     console, robot, base = Console(), config.robot.load(), (0.0, 0.0, 0.0)
+    if config.robot.name == "custom":
+        console.print(what_is_checked(robot), soft_wrap=True)
     if config.with_field:
         _, path = energy_field(robot, base, config.map, config.energy, config.workers, console)
         console.print(f"Energy field: {path}", soft_wrap=True)
@@ -254,6 +261,19 @@ def main(config: BuildMapsConfig) -> None:
         if config.output is not None:
             built.save(Path(config.output))
             console.print(f"Map: {config.output}", soft_wrap=True)
+
+
+def what_is_checked(robot: "RobotDescription") -> str:
+    """Which links of an arm collide in its map, and which cannot."""
+    from richmap.collision import SelfCollision
+
+    check = SelfCollision(robot)
+    bare = ", ".join(link for link in robot.links if link not in robot.shapes) or "none"
+    touching = ", ".join(f"{a} and {b}" for a, b in check.in_contact) or "none"
+    return (
+        f"Self-collision of {robot.name}: {len(check.pairs)} pairs of links are checked. Left out since they always "
+        f"touch: {touching}. Links without collision shapes: {bare}."
+    )
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ import hashlib
 import importlib.metadata
 import inspect
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -43,3 +44,8 @@ def cached[Value](path: str, load: Callable[[Path], Value], make: Callable[[], V
             value = make()
             value.save(file)
             return value, file
+
+
+def seconds(file: Path) -> float:
+    """Wall time that a build wrote down beside its result, in [s]; NaN where what was built came without it."""
+    return float(file.read_text()) if file.exists() else math.nan

@@ -280,7 +280,7 @@ class OracleConfig:
     seed_start: int = 50_000
     """Seed of the first episode."""
     output_dir: str = "outputs/oracle"
-    """Folder of oracle.json."""
+    """Folder of <robot>-<setting>-<oracle>/oracle.json."""
     workers: int = 2
     """Processes that roll out; results do not depend on it. A whole number >= 1."""
     arm: ArmConfig = field(default_factory=ArmConfig)

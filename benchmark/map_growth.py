@@ -62,8 +62,7 @@ def main(config: MapGrowthConfig) -> None:
     robot = config.robot.load()
     poses = {test_set: label_poses(robot, test_set, config, console) for test_set in TEST_SETS}
     rows = pd.DataFrame(growth(snapshots(robot, config, console), poses)).assign(robot=robot.name)
-    key = ["robot", "cell_size", "test_set", "labels", "inserted"]
-    table = store_rows(output_dir / "map_growth.parquet", rows, key)
+    table = store_rows(output_dir / "map_growth.parquet", rows, ["robot", "cell_size"])
     draw(table, output_dir / "figures")
     console.print(f"Table: {output_dir / 'map_growth.parquet'}; figure: {output_dir / 'figures'}", soft_wrap=True)
 
@@ -113,8 +112,8 @@ def draw(table: "pd.DataFrame", folder: Path) -> None:
     for row, labels in zip(axes, LABELS, strict=True):
         for axis, (column, title) in zip(row, columns.items(), strict=True):
             chosen = table[(table.test_set == "paper") & (table.labels == labels)]
-            for robot, line in chosen.sort_values("inserted").groupby("robot"):
-                axis.plot(line.inserted / 1e6, line[column], marker=".", label=robot)
+            for (robot, cell_size), line in chosen.sort_values("inserted").groupby(["robot", "cell_size"]):
+                axis.plot(line.inserted / 1e6, line[column], marker=".", label=f"{robot}, {cell_size:g} m")
             axis.set(title=f"{title}, {labels} labels", xlabel="Inserted, in millions")
             axis.grid(alpha=0.3)
     axes[0, 0].legend()

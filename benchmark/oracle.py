@@ -42,7 +42,7 @@ def main(config: OracleConfig) -> None:
         console.print(f"Tracking error of solved episodes at most {1000 * result['tracking_error_max_solved']:.1f} mm")
     console.print(f"Failed episodes by cause: {causes_text(result['causes'])}")
 
-    file = Path(config.output_dir) / "oracle.json"
+    file = Path(config.output_dir) / f"{arm.robot}-{arm.name}-{config.oracle}" / "oracle.json"
     with replacing(file) as path:
         path.write_text(json.dumps(result, indent=2) + "\n")
     console.print(f"Result: {file}", soft_wrap=True)

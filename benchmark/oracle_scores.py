@@ -15,14 +15,14 @@ ROLES = {"reference": "plain", "ceiling": "aware"}
 def with_oracles(table: pd.DataFrame, folder: Path) -> pd.DataFrame:
     """A leaderboard with the columns `reference` and `ceiling`: n, first seed and scores, or None if not measured.
 
-    The oracle's arm must be the policy's in all that was written down of it.
+    The oracle's arm must be the policy's in all columns that describe it.
     """
     measured = oracle_scores(folder)
     return table.assign(
         **{
             role: [
                 next(
-                    (x for x in measured if x["oracle"] == oracle and all(x.get(k, row[k]) == row[k] for k in ARM)),
+                    (x for x in measured if x["oracle"] == oracle and all(x[k] == row[k] for k in ARM)),
                     None,
                 )
                 for row in table.to_dict("records")
@@ -41,10 +41,9 @@ def oracle_scores(folder: Path) -> list[dict]:
             scores.append(about | {name: float(rows[name].mean()) for name in SCORES})
     for file in sorted(folder.glob("oracle/*/oracle.json")):
         found = json.loads(file.read_text())
-        about = {"oracle": "plain", "score": found["mean_score"], "first": found["seed_start"]} | found
-        if "wrist" in about:
-            about |= {"base": " ".join(f"{x:g}" for x in about["base"]), "branch": about["wrist"]}
-        scores.append({name: about[name] for name in [*ARM, "oracle", "n", "first", *SCORES] if name in about})
+        about = found | {"score": found["mean_score"], "first": found["seed_start"], "branch": found["wrist"]}
+        about["base"] = " ".join(f"{x:g}" for x in found["base"])
+        scores.append({name: about[name] for name in [*ARM, "oracle", "n", "first", *SCORES]})
     for row in scores:
         for name in SCORES:
             row[f"{name}_low"], row[f"{name}_high"] = rate_interval([row[name]] * row["n"])

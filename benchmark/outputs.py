@@ -26,8 +26,11 @@ def store_rows(file: Path, rows: "pd.DataFrame", key: list[str]) -> "pd.DataFram
     """Add rows to a Parquet table, in place of older ones that agree in the columns of the key; gives the table."""
     import pandas as pd
 
-    tables = [pd.read_parquet(file), rows] if file.exists() else [rows]
-    table = pd.concat(tables, ignore_index=True).drop_duplicates(key, keep="last", ignore_index=True)
+    table = rows
+    if file.exists():
+        older = pd.read_parquet(file)
+        replaced = pd.MultiIndex.from_frame(older[key]).isin(pd.MultiIndex.from_frame(rows[key]))
+        table = pd.concat([older[~replaced], rows], ignore_index=True)
     with replacing(file) as path:
         table.to_parquet(path, index=False)
     return table

@@ -32,7 +32,9 @@ def main(config: RunConfig) -> None:
     for seed in range(config.seed_start, config.seed_start + config.episodes):
         file = folder / f"{config.robot.name}-{config.setting}-{scale}-{seed}.gif"
         episode = record(rollout, seed, file)
-        console.print(f"{file}: score {episode.outcome.score}, {episode.outcome.length} steps", soft_wrap=True)
+        outcome = episode.outcome
+        how = f"failed by {outcome.failure_cause}" if outcome.failure_cause else "both blocks placed"
+        console.print(f"{file}: score {outcome.score}, {outcome.length} steps, {how}", soft_wrap=True)
 
 
 def record(rollout: "Rollout", seed: int, file: Path) -> "Episode":

@@ -101,9 +101,10 @@ def main(config: SpeedConfig) -> None:
             for row in measure(robot, built, first, config):
                 rows.append({"robot": name, "cell_size": built.grid.cell_size, **row})
                 status.update(f"Speed of {name}: {row['name']}, batch {row['batch']:,}, {row['threads']} threads")
-        table = store_rows(output_dir / "speed.parquet", pd.DataFrame(rows)[COLUMNS], KEY)
-        with replacing(output_dir / "speed.md") as path:
-            path.write_text(markdown(table))
+        if rows:  # MMD takes two arms, sampling is measured on one thread.
+            table = store_rows(output_dir / "speed.parquet", pd.DataFrame(rows)[COLUMNS], KEY)
+            with replacing(output_dir / "speed.md") as path:
+                path.write_text(markdown(table))
         console.print(f"{name}: {len(rows)} rows. {output_dir / 'speed.md'}", soft_wrap=True)
         if "mmd" in config.parts:
             first = first or (built, direction_moments(built))

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from benchmark.cache import seconds
 from benchmark.config import VerifyMapsConfig
 
 if TYPE_CHECKING:
@@ -127,7 +128,7 @@ def capability_map(robot: "RobotDescription", config: VerifyMapsConfig, console:
         inserted=built.inserted,
         occupancy=built.occupancy,
         insertion_rate=built.insertion_rate,
-        build_s=float(path.with_suffix(".seconds").read_text()),
+        build_s=seconds(path.with_suffix(".seconds")),
         bytes_memory=built.bytes_memory,
         bytes_disk=built.bytes_memory,  # the arrays as they are, and some kilobytes of header
         cells=built.grid.n_cells,
@@ -157,7 +158,7 @@ def _four_dimensional(name: str, built, path: Path) -> VerifiedMap:
         inserted=built.inserted,
         occupancy=math.nan,
         insertion_rate=math.nan,
-        build_s=float(path.with_suffix(".seconds").read_text()),
+        build_s=seconds(path.with_suffix(".seconds")),
         bytes_memory=built.bytes_memory,
         bytes_disk=path.stat().st_size,
         cells=0,
@@ -182,17 +183,17 @@ def _built(
 
     shared = [bounding_spheres, collision, inverse_kinematics, kinematics, sampling, shape]
     key = fingerprint(asdict(asked), [*code, *shared])
-    seconds = []
+    took = []
 
     def make():
         begin = perf_counter()
         made = build(robot, asked, workers, console)
-        seconds.append(perf_counter() - begin)
+        took.append(perf_counter() - begin)
         return made
 
     built, path = cached(f"{folder}/{robot.name}-{key[:16]}.safetensors", lambda path: kind.load(path, robot), make)
-    if seconds:
-        path.with_suffix(".seconds").write_text(f"{seconds[0]:.1f}")
+    if took:
+        path.with_suffix(".seconds").write_text(f"{took[0]:.1f}")
     return built, path
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-TOLERANCE = 0.01
+TOLERANCE = 1e-5
 """By how much the squared length of a direction may differ from 1."""
 
 

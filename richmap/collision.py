@@ -51,7 +51,9 @@ class SelfCollision:
         rng = np.random.default_rng(0)
         joints = rng.uniform(robot.lower, robot.upper, (2000, len(robot.joints)))
         touching = self.pair_hits(joints).mean(0)
-        self.pairs = [p for p, rate in zip(self.pairs, touching, strict=True) if rate < PERMANENT_CONTACT]
+        self.in_contact = [p for p, rate in zip(self.pairs, touching, strict=True) if rate >= PERMANENT_CONTACT]
+        """Pairs of links that are not checked since they always touch."""
+        self.pairs = [pair for pair in self.pairs if pair not in self.in_contact]
 
         moving = tuple(link for link in links if depth[link] > 0)
         self._spheres = BoundingSpheres.around(robot, self._model, moving)

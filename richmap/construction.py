@@ -131,6 +131,7 @@ def merge(robot: RobotDescription, maps: list[ReachabilityMap], folder: Path) ->
         raise ValueError(f"Maps to be merged are of seeds {seeds}. Of one seed they hold the same; give each its own.")
     inserter = _empty(robot, first.grid, replace(first.construction, device="cpu"), folder)
     for other in maps:
+        _check_room(folder)
         cells = np.repeat(np.arange(first.grid.n_cells), np.diff(other.start))
         inserter.insert_rows(cells, other.directions, other.joints, other.gaps)
     rates = [other.construction for other in maps]

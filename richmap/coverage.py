@@ -100,7 +100,13 @@ class CoverageBitmap:
     def reachable_exactly(
         self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"], index: DirectionIndex
     ) -> Bool[np.ndarray, " n"]:
-        """What `index.within(positions, directions, theta)` answers, which is asked in open bins only."""
+        """What `index.within(positions, directions, theta)` answers, which is asked in open bins only.
+
+        Raises:
+            ValueError: As above, or if the index is of another grid or fills other cells than this bitmap.
+        """
+        if index.grid != self.grid or not np.array_equal(index.slot, self.slot):
+            raise ValueError("The index is of another map than this bitmap. Make both of one map.")
         positions, directions = checked_poses(positions, directions)
         directions = directions.astype(np.float32, copy=False)
         cosine = np.float32(np.cos(self.theta))

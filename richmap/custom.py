@@ -10,6 +10,12 @@ from richmap.robot import RobotDescription
 from richmap.shape import Shape
 from richmap.urdf import clean_urdf, with_full_turns, with_whole_limits, without_extras
 
+LARGEST = 5.0
+"""A link that is longer than this, in [m], has a mesh in other units."""
+
+MOST_TURNS = 100.0
+"""A joint limit beyond this, in [rad], is none."""
+
 
 def custom_robot(path: str | Path, base: str, end_effector: str) -> RobotDescription:
     """Description of an arm of your own.
@@ -171,6 +177,11 @@ def _check_joints(root: ET.Element, path: Path) -> None:
                 f'{path.name}: revolute joint {name!r} has {found}. Give <limit lower="..." upper="..."/> in rad, or '
                 'type="continuous" if it turns without end (it is then sampled from -pi to pi).'
             )
+        if max(-lower, upper) > MOST_TURNS:
+            raise ValueError(
+                f"{path.name}: revolute joint {name!r} has limits {lower:g} to {upper:g} rad, which are none. Give its "
+                'real ones, or type="continuous" if it turns without end.'
+            )
 
 
 def _mesh_file(name: str | None, path: Path, link: str) -> Path:
@@ -213,8 +224,12 @@ def _check_shapes(link: ET.Element, path: Path) -> None:
         except ValueError as error:
             raise ValueError(f"{where}: {error}") from error
         try:
-            empty = shape.file and len(shape.triangles().faces) == 0
+            triangles = shape.triangles()
         except Exception as error:  # coal's loader raises what its C++ raises.
             raise ValueError(f"{where}: {shape.file} cannot be read. Save it as binary STL.") from error
-        if empty:
+        if len(triangles.faces) == 0:
             raise ValueError(f"{where}: {shape.file} has no triangles. Save it anew, or leave it out.")
+        if (size := max(triangles.extents)) > LARGEST:
+            raise ValueError(
+                f'{where} is {size:g} m long. If its unit is the millimetre, give the mesh scale="0.001 0.001 0.001".'
+            )

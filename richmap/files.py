@@ -66,7 +66,7 @@ def load_arrays(path: Path | str, kind: str, version: int) -> tuple[dict[str, np
             length = int.from_bytes(file.read(8), "little")
             header = json.loads(file.read(length))
     except (SafetensorError, OSError, ValueError) as error:
-        if isinstance(error, FileNotFoundError):
+        if isinstance(error, (FileNotFoundError, PermissionError)):
             raise
         raise FileRefusedError(f"{path} is cut short or no {kind} ({error}). Delete it and make it again.") from error
     found = about.pop("kind", None), about.pop("version", None)

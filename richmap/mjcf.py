@@ -55,8 +55,8 @@ def urdf_from_mjcf(path: Path) -> str:
     return ET.tostring(robot, encoding="unicode")
 
 
-def _strip_looks(spec: mujoco.MjSpec, path: Path) -> dict[str, Path]:
-    """Delete what is only seen; the files of the meshes that stay, by mesh."""
+def _strip_looks(spec: mujoco.MjSpec, path: Path) -> dict[str, tuple[Path, Float[np.ndarray, "4 4"]]]:
+    """Delete what is only seen; of the meshes that stay the files and where the model has them, by mesh."""
     for geom in spec.geoms:
         geom.material = ""
         if geom.contype == 0 and geom.conaffinity == 0:
@@ -75,8 +75,17 @@ def _strip_looks(spec: mujoco.MjSpec, path: Path) -> dict[str, Path]:
             raise ValueError(f"mesh {name!r} has no file. Save its vertices as STL or OBJ.")
         if not file.is_file():
             raise ValueError(f"mesh {name!r} is missing: there is no file {file}.")
-        files[name] = file
+        files[name] = file, _reference(mesh)
     return files
+
+
+def _reference(mesh: mujoco.MjsMesh) -> Float[np.ndarray, "4 4"]:
+    """What `refpos` and `refquat` do to the scaled vertices of a mesh's file."""
+    pose = np.linalg.inv(_pose(mesh.refpos, mesh.refquat))
+    if len(set(mesh.scale)) > 1 and not np.allclose(pose[:3, :3], np.eye(3)):
+        raise ValueError(f"mesh {mesh.name!r} has a refquat and scales that differ. Save it anew, without either.")
+    pose[:3, 3] *= mesh.scale
+    return pose
 
 
 def _add_joints(robot: ET.Element, model: mujoco.MjModel, body: int, parent: str, name: str) -> None:
@@ -164,15 +173,20 @@ def _add_inertial(link: ET.Element, model: mujoco.MjModel, body: int) -> None:
     ET.SubElement(inertial, "inertia", ixx=ixx, ixy="0", ixz="0", iyy=iyy, iyz="0", izz=izz)
 
 
-def _add_shape(link: ET.Element, model: mujoco.MjModel, geom: int, files: dict[str, Path]) -> None:
+def _add_shape(
+    link: ET.Element,
+    model: mujoco.MjModel,
+    geom: int,
+    files: dict[str, tuple[Path, Float[np.ndarray, "4 4"]]],
+) -> None:
     kind, size = model.geom_type[geom], [repr(float(x)) for x in model.geom_size[geom]]
     pose = _pose(model.geom_pos[geom], model.geom_quat[geom])
     if kind == _GEOM.mjGEOM_MESH:
         mesh = model.geom_dataid[geom]
         # MuJoCo moves a mesh into its principal axes: undo it, since the file is what is named.
-        pose = pose @ np.linalg.inv(_pose(model.mesh_pos[mesh], model.mesh_quat[mesh]))
-        scale = _text(model.mesh_scale[mesh])
-        _add_collision(link, pose, "mesh", filename=str(files[model.mesh(mesh).name]), scale=scale)
+        file, reference = files[model.mesh(mesh).name]
+        pose = pose @ np.linalg.inv(_pose(model.mesh_pos[mesh], model.mesh_quat[mesh])) @ reference
+        _add_collision(link, pose, "mesh", filename=str(file), scale=_text(model.mesh_scale[mesh]))
     elif kind == _GEOM.mjGEOM_BOX:
         _add_collision(link, pose, "box", size=_text(2 * model.geom_size[geom]))
     elif kind == _GEOM.mjGEOM_SPHERE:

@@ -42,7 +42,9 @@ DOWN = np.array([[0.1, -0.1, -np.sqrt(0.98)], [0.0, 0.6, -0.8]])
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("direction", [[np.nan, 0, 1], [np.nan] * 3, [0, 0, 0], [0, 0, 5], [np.inf, 0, 0]])
+@pytest.mark.parametrize(
+    "direction", [[np.nan, 0, 1], [np.nan] * 3, [0, 0, 0], [0, 0, 5], [0.71, 0, 0.71], [np.inf, 0, 0]]
+)
 def test_what_is_no_direction_is_refused_by_its_row(queries, name, direction):
     with pytest.raises(ValueError, match="Row 1"):
         queries[name](POSITIONS, np.array([DOWN[0], direction]))

@@ -89,6 +89,13 @@ def test_outside_the_grid_nothing_is_reachable(stored, bitmap):
     assert not bitmap.reachable_exactly(positions, directions, DirectionIndex.build(GRID, *stored)).any()
 
 
+def test_the_index_of_another_map_is_refused(stored, bitmap):
+    start, directions = stored
+    for grid, first in ((Grid((0.0, 0.0, 0.0), 0.1, (2, 2, 2)), start), (GRID, np.minimum(start, start[-3]))):
+        with pytest.raises(ValueError, match="of another map"):
+            bitmap.reachable_exactly(*random_poses(10, 0), DirectionIndex.build(grid, first, directions))
+
+
 def test_an_odd_number_of_bins_is_refused(stored):
     with pytest.raises(ValueError, match="multiple of 8"):
         CoverageBitmap.build(GRID, *stored, THETA, 50)

@@ -1,9 +1,12 @@
+import re
+
 import mujoco
 import numpy as np
 import pinocchio
 import pytest
 import trimesh
 
+from benchmark.build_maps import what_is_checked
 from richmap.collision import self_collision
 from richmap.convex_parts import fit_convex_parts
 from richmap.custom import custom_robot
@@ -170,6 +173,8 @@ LIFT = '<limit lower="-2" upper="2.8" effort="1" velocity="1"/><dynamics damping
     [
         (LIFT, "", "revolute joint 'lift' has no limits. Give <limit .* or type=\"continuous\""),
         (LIFT, '<limit lower="1" upper="1"/>', "revolute joint 'lift' has limits 1 to 1"),
+        (LIFT, '<limit lower="-1e16" upper="1e16"/>', "'lift' has limits -1e[+]16 to 1e[+]16 rad, which are none"),
+        ("0.001 0.001 0.001", "1 1 1", "link 'upper' is 150 m long. If its unit is the millimetre"),
         (LIFT, '<limit effort="1" velocity="1"/>', "revolute joint 'lift' has limits None to None"),
         (LIFT, LIFT + '<mimic joint="pan"/>', "joint 'lift' mimics 'pan'"),
         (
@@ -198,6 +203,16 @@ def test_what_a_description_lacks_is_said(file, old, new, message):
     file.write_text(ARM.replace(old, new))
     with pytest.raises(ValueError, match=message):
         custom_robot(file, "base", "flange")
+
+
+def test_what_is_checked_for_self_collision_is_said(file):
+    robot = custom_robot(file, "base", "flange")
+    text = what_is_checked(robot)
+    assert "Links without collision shapes: base, flange." in text and "always touch: none" in text
+    pairs = int(re.search(r"(\d+) pairs", text)[1])
+    file.write_text(ARM.replace('cylinder radius="0.03" length="0.4"', 'box size="2 2 2"'))
+    text = what_is_checked(custom_robot(file, "base", "flange"))
+    assert "they always touch: foot and fore" in text and int(re.search(r"(\d+) pairs", text)[1]) < pairs
 
 
 def test_extensions_in_a_namespace_of_their_own_are_no_macros(file):

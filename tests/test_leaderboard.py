@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import shutil
+from dataclasses import replace
 
 import pandas as pd
 import pytest
@@ -13,9 +14,11 @@ from benchmark.config import FIRST_TEST_SEED
 from benchmark.lambda_curves import curves
 from benchmark.leaderboard import LeaderboardConfig, main
 from benchmark.leaderboard_text import beside_the_paper
+from benchmark.oracle import summary
 from benchmark.oracle_scores import with_oracles
 from benchmark.ranking import PROTOCOLS, counted, leaderboard
 from benchmark.statistics import holm, paired_p_value
+from envs.arms import arm_setting
 
 PAPER, STRICT = PROTOCOLS
 
@@ -117,10 +120,13 @@ def test_an_oracle_belongs_to_an_arm_only_if_it_stood_alike(transfer_episodes, b
     moved = oracle.assign(oracle="aware", base="0.1 0 0")
     moved.to_parquet(tmp_path / "arms" / "oracle_episodes.parquet")
     assert with_oracles(boards[STRICT], tmp_path).ceiling.isna().all()
-    (tmp_path / "oracle" / "ur5-embodied").mkdir(parents=True)
-    file = tmp_path / "oracle" / "ur5-embodied" / "oracle.json"
-    scores = {"p1": 1.0, "p2": 0.9, "mean_score": 0.95, "success_at_end": 0.9}
-    file.write_text(json.dumps({"robot": "ur5", "setting": "embodied", "n": 300, "seed_start": 50_000} | scores))
+    played = pd.DataFrame({"p1": [True] * 10, "p2": [True] * 9 + [False], "score": 0.95, "success_at_end": True})
+    played = played.assign(length=99, tracking_error_mean=0.0, tracking_error_max=0.0, failure_cause=None)
+    for x in (0.0, 0.1):
+        arm = replace(arm_setting("ur5", "embodied"), base=(x, 0.0, 0.0), wrist="out")
+        file = tmp_path / "oracle" / f"{x}" / "oracle.json"
+        file.parent.mkdir(parents=True)
+        file.write_text(json.dumps({"oracle": "plain", **summary(arm, 50_000, played.head(10 if x == 0 else 5))}))
     table = with_oracles(boards[STRICT], tmp_path).set_index("robot")
     assert {x["p2"] for x in table.reference["ur5"]} == {0.9} and table.reference["ur3"].isna().all()
 

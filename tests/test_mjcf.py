@@ -91,6 +91,18 @@ def test_shapes_lie_where_mujoco_has_them(file):
     assert set(robot.shapes) == {"base", "upper", "fore", "wrist"}
 
 
+@pytest.mark.parametrize("reference", ['refpos="20 -7 3"', 'refpos="20 -7 3" refquat="0.8 0.2 0.4 0.4"'])
+def test_a_mesh_may_have_a_reference_of_its_own(file, reference):
+    file.write_text(ARM.replace('<mesh name="tube"', f'<mesh name="tube" {reference}'))
+    test_shapes_lie_where_mujoco_has_them(file)
+    file.write_text(file.read_text().replace("0.001 0.001 0.001", "0.001 0.002 0.001"))
+    if "refquat" not in reference:
+        test_shapes_lie_where_mujoco_has_them(file)
+        return
+    with pytest.raises(ValueError, match="mesh 'tube' has a refquat and scales that differ"):
+        custom_robot(file, "base", "tip")
+
+
 def test_masses_and_inertias_are_kept(file):
     pin = pinocchio.buildModelFromXML(urdf_from_mjcf(file))
     model = mujoco.MjModel.from_xml_path(str(file))
