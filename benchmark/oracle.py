@@ -26,6 +26,7 @@ def main(config: OracleConfig) -> None:
     from rich.console import Console
 
     from benchmark.arm import chosen_arm
+    from benchmark.code_version import code_version, commit
     from benchmark.scores import SCORES, causes_text
     from benchmark.statistics import rate_interval
 
@@ -37,6 +38,7 @@ def main(config: OracleConfig) -> None:
         low, high = rate_interval(values)
         console.print(f"{name}: {100 * values.mean():.1f} % [{100 * low:.1f}, {100 * high:.1f}]")
     result = {"oracle": config.oracle, **summary(arm, config.seed_start, table)}
+    result |= {"code_version": code_version(), "commit": commit()}
     console.print(f"Mean length {result['mean_length']:.1f} steps")
     if result["tracking_error_max_solved"] is not None:
         console.print(f"Tracking error of solved episodes at most {1000 * result['tracking_error_max_solved']:.1f} mm")
