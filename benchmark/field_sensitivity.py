@@ -293,7 +293,7 @@ Slope dE/dR at the flange positions of the xArm6's oracle in the demonstrations'
 percent of the full slope, which is one step per cell (delta / Delta, 0.2 per metre at Delta = 0.05 m; off the grid's
 axes it can be {root:.0f} % of that, since steps are counted along them). Columns are rings of 5 cm that begin at R.
 Above 0 guidance pulls inward. *Inward*, *outward*: positions where the slope is at least 10 % of the full one. Made by
-`python -m benchmark.field_sensitivity`, the rows of another Delta by adding `map.cell_size=0.02`.
+`python -m benchmark.field_sensitivity`, the rows of another Delta by adding `map.cell_size=0.02 map.stop_rate=0.1`.
 
 - `discrepancy`: the MMD or its square; `one_sided=counted`: cells that one arm fills have the discrepancy from an empty
   set, which enters tau; `empty=seed`: cells without a discrepancy are seeds; `scales`: the kernel's M; `smoothing`:
