@@ -1,5 +1,6 @@
 """The maps that `benchmark.verify_maps` scores, from the cache or built: ours, and the two of the paper's Table 1."""
 
+import json
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
@@ -41,6 +42,8 @@ class VerifiedMap:
     bytes_disk: int
     cells: int
     """Cells of the grid."""
+    made: str
+    """Robot fingerprint, seed and all settings that it was built with, and what was reached, as JSON."""
     score: "Callable[[np.ndarray, np.ndarray], np.ndarray] | None" = None
     """Of each pose, where the answer is whether this is above a threshold; arguments as for `reachable`."""
 
@@ -85,6 +88,7 @@ def map_of_directions(built: "ReachabilityMap", build_s: float) -> VerifiedMap:
         bytes_memory=built.bytes_memory,
         bytes_disk=built.bytes_memory,  # the arrays as they are, and some kilobytes of header
         cells=built.grid.n_cells,
+        made=json.dumps(asdict(built.construction)),
     )
 
 
@@ -132,6 +136,7 @@ def capability_map(robot: "RobotDescription", config: VerifyMapsConfig, console:
         bytes_memory=built.bytes_memory,
         bytes_disk=built.bytes_memory,  # the arrays as they are, and some kilobytes of header
         cells=built.grid.n_cells,
+        made=json.dumps(asdict(built.construction)),
     )
 
 
@@ -162,6 +167,7 @@ def _four_dimensional(name: str, built, path: Path) -> VerifiedMap:
         bytes_memory=built.bytes_memory,
         bytes_disk=path.stat().st_size,
         cells=0,
+        made=json.dumps(asdict(built.construction)),
     )
 
 

@@ -127,11 +127,18 @@ def verify(
     robot: "RobotDescription", verified: VerifiedMap, poses: "dict[str, LabelledPoses]"
 ) -> list[dict[str, object]]:
     """A row for each test set and each kind of label."""
+    from benchmark.code_version import commit
     from benchmark.labels import LABELS
 
-    about = {name: getattr(verified, name) for name in ("cell_size", "inserted", "occupancy", "avg_per_cell")}
+    about = {name: getattr(verified, name) for name in ("cell_size", "inserted", "occupancy", "avg_per_cell", "made")}
     about |= {name: getattr(verified, name) for name in ("insertion_rate", "build_s", "bytes_memory", "bytes_disk")}
-    about = {"robot": robot.name, "map": verified.name, **about, **query_times(verified, next(iter(poses.values())))}
+    about = {
+        "robot": robot.name,
+        "map": verified.name,
+        "commit": commit(),
+        **about,
+        **query_times(verified, next(iter(poses.values()))),
+    }
     rows = []
     for test_set, labelled in poses.items():
         predicted = verified.reachable(labelled.positions, labelled.rotations)

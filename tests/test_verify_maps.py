@@ -26,7 +26,7 @@ def labelled(n=400, seed=0):
 
 def a_map(name="richmap", reachable=lambda p, r: p[:, 0] < 0.5, **changes):
     about = {"cell_size": 0.05, "inserted": 900, "occupancy": 0.3, "insertion_rate": 0.1, "build_s": 3.0}
-    about |= {"bytes_memory": 10, "bytes_disk": 20, "cells": 100}
+    about |= {"bytes_memory": 10, "bytes_disk": 20, "cells": 100, "made": "{}"}
     return VerifiedMap(name, reachable, **(about | changes))
 
 
