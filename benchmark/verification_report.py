@@ -45,12 +45,11 @@ HEADER = """# Maps against inverse kinematics
 
 Made by `python -m benchmark.verify_maps robot=<robot>`. In each cell: *paper / here*. Test set and labels are those of
 each section; `strict`: 1 mm and 0.01 rad, `loose`: mm + degrees <= 25, `wrist_free`: as strict, but at any roll.
-Intervals, and how each map was made, are in `verify_maps.parquet`.
-The paper's set has its shares in each sense of reachable (half reachable; a tenth outside of the reach, a tenth below
-ground, three tenths perturbed): a perturbed pose that the loose tolerance reaches is left out under loose labels, and as
-many of the other kinds. How far a pose is perturbed, which the paper
-does not say, is up to the arm's reach and half a turn; with less, most candidates prove reachable and the others crowd
-at the edge of the reach, where a map is wrong most often.
+Intervals, and how each map was made, are in `verify_maps.parquet`. The paper's set has its shares in each sense of
+reachable (half reachable; a tenth outside of the reach, a tenth below ground, three tenths perturbed): a perturbed pose
+that the loose tolerance reaches is left out under loose labels, and as many of the other kinds. How far a pose is
+perturbed, which the paper does not say, is up to the arm's reach and half a turn; with less, most candidates prove
+reachable and the others crowd at the edge of the reach, where a map is wrong most often.
 
 `us_1e6` and so on: microseconds per query on all cores of the machine, in batches of that size, the least of three runs
 (test poses over and over; other work may run beside); exact and uncontended figures are in `speed.md`. Capability maps
