@@ -53,9 +53,9 @@ reachable and the others crowd at the edge of the reach, where a map is wrong mo
 
 `us_1e6` and so on: microseconds per query on all cores of the machine, in batches of that size, the least of three runs
 (test poses over and over; other work may run beside); exact and uncontended figures are in `speed.md`. Capability maps
-are built to the paper's number of orientations, so that these agree by construction. RM4D here marks half as many of its
-cells as the paper's; what the paper counts it does not say. The paper's text has 160.5 M
-directions for Panda at 0.02 m and 20.5 M for UR5e at 0.05 m where its table has 164.1 and 18.2.
+are built to the paper's number of orientations, so that these agree by construction. RM4D here marks half as many of
+its cells as the paper's; what the paper counts it does not say. The paper's text has 160.5 M directions for Panda at
+0.02 m and 20.5 M for UR5e at 0.05 m where its table has 164.1 and 18.2.
 """
 
 
