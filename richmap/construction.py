@@ -32,6 +32,9 @@ DRAW = 0x6D6170
 ROOM = 1 << 30
 """Bytes that the disk must have left before a batch; one takes a quarter of that at most."""
 
+HOPELESS = 50_000
+"""Configurations after which a build ends of which not one was free and within the grid."""
+
 LEAST_OFFERED = 10_000
 """Poses that a batch offers at least, so that its insertion rate means something."""
 
@@ -183,7 +186,7 @@ def _insert_batch(inserter: Inserter, draws: Iterator[Orbits], reached: Construc
         if _at_target(reached, inserter.inserted):
             break
         drawn += 1
-        if drawn > size + 1000 and inserter.offered == offered:
+        if drawn > size and drawn * reached.draw > HOPELESS and inserter.offered == offered:
             raise ValueError(
                 f"No configuration of {reached.robot} that is free of self-collision brings the flange into the grid "
                 f"{inserter.grid}. Move the grid (z_offset), make it larger, or look at the collision shapes."

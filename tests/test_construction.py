@@ -43,6 +43,11 @@ def test_the_map_does_not_depend_on_the_number_of_workers(coarse_map, tmp_path):
     assert other.construction == coarse_map.construction
 
 
+def test_a_grid_out_of_reach_is_said_and_not_waited_for(tmp_path):
+    with pytest.raises(ValueError, match="No configuration of xarm6 .* Move the grid .z_offset."):
+        build_map(ROBOT, Grid.around_base(cell_size=0.2, half_width=1.0, z_offset=5.0), coarse(ROBOT), tmp_path, 1)
+
+
 def test_the_map_says_how_full_it_is(coarse_map):
     reached = coarse_map.construction
     assert 0 < reached.batch_rate < coarse(ROBOT).stop_rate
