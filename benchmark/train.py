@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 LOG_EVERY = 50
-"""Steps over which loss, learning rate and gradient norm are averaged for W&B."""
+"""Steps over which loss, learning rate and gradient norm are averaged for the curve and W&B."""
 
 
 @dataclass
@@ -144,13 +144,14 @@ def _optimise(
     report: Callable[[int, float], None],
 ) -> None:
     """All steps, from the stored state if there is one; checkpoints appear as their steps are done."""
+    import pandas as pd
     from lerobot.optim.factory import make_optimizer_and_scheduler
     from lerobot.policies import make_policy, make_pre_post_processors
     from lerobot.scripts.lerobot_train import update_policy
     from lerobot.utils.random_utils import set_seed
 
     from benchmark.experiment_log import start_experiment
-    from benchmark.training_state import last_state, load_state, save_state
+    from benchmark.training_state import CURVE, last_state, load_state, save_state
 
     set_seed(config.seed)
     policy = make_policy(pipeline.policy, ds_meta=demonstrations.meta)
@@ -158,6 +159,7 @@ def _optimise(
     optimizer, scheduler = make_optimizer_and_scheduler(pipeline, policy)
     state = last_state(config.states)
     first = load_state(state, policy, optimizer, scheduler) if state else 0
+    curve = pd.read_csv(state / CURVE, float_precision="round_trip").to_dict("records") if state else []
     if first in config.checkpoints:  # Killed just before it was published, perhaps.
         _publish(state, first, config, pipeline, demonstrations)
     accelerator, tracker = _accelerator(config), _tracker(config, demonstrations)
@@ -170,10 +172,12 @@ def _optimise(
             report(step, tracker.loss.avg)
             if step % LOG_EVERY == 0:
                 values = {name: tracker.metrics[name].avg for name in ("loss", "lr", "grad_norm")}
+                curve.append({"step": step, **values})
                 run.log({f"train/{name}": value for name, value in values.items()}, step=step)
                 tracker.reset_averages()
             if step % config.save_every == 0 or step in {*config.checkpoints, config.steps}:
-                state = save_state(config.states, step, pipeline, policy, optimizer, scheduler, processors)
+                losses = pd.DataFrame(curve, columns=["step", "loss", "lr", "grad_norm"])
+                state = save_state(config.states, step, pipeline, policy, optimizer, scheduler, processors, losses)
                 if step in config.checkpoints:
                     _publish(state, step, config, pipeline, demonstrations)
 
@@ -201,10 +205,12 @@ def _publish(
         return
     from benchmark.code_version import code_version, commit
     from benchmark.model_card import write_model_card
+    from benchmark.training_state import CURVE
 
     partial = checkpoint.with_name(f".{checkpoint.name}.tmp")
     shutil.rmtree(partial, ignore_errors=True)
     shutil.copytree(state / "pretrained_model", partial)
+    shutil.copy(state / CURVE, partial)
     policy = pipeline.policy
     facts = {
         "robot": demonstrations.meta.robot_type,

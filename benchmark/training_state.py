@@ -4,6 +4,7 @@ import os
 import shutil
 from pathlib import Path
 
+import pandas as pd
 from lerobot.common.train_utils import load_training_state, save_checkpoint
 from lerobot.configs.train import TrainPipelineConfig
 from lerobot.processor import PolicyProcessorPipeline
@@ -16,6 +17,8 @@ from policies.weight_average import WeightAverage
 
 RAW_WEIGHTS = Path("training_state") / "raw_weights.safetensors"
 """LeRobot's checkpoint holds the averaged weights, which are the policy; training goes on from these."""
+CURVE = "training_curve.csv"
+"""Loss, learning rate and gradient norm so far."""
 
 
 def save_state(
@@ -26,12 +29,14 @@ def save_state(
     optimizer: Optimizer,
     scheduler: LRScheduler,
     processors: tuple[PolicyProcessorPipeline, PolicyProcessorPipeline],
+    curve: pd.DataFrame,
 ) -> Path:
     """Stores the state after this many steps in one atomic move, then removes the one before."""
     partial, complete = folder / "partial", folder / f"{step:06d}"
     shutil.rmtree(partial, ignore_errors=True)
     save_checkpoint(partial, step, pipeline, policy, optimizer, scheduler, *processors, batch_size=pipeline.batch_size)
     save_file(policy.state_dict(), partial / RAW_WEIGHTS)
+    curve.to_csv(partial / CURVE, index=False)
     before = last_state(folder)
     os.replace(partial, complete)
     if before:

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 from lerobot.datasets import LeRobotDataset
@@ -65,6 +66,7 @@ def test_batches_are_those_of_lerobots_dataset(root):
 
 
 def test_a_killed_run_goes_on_as_if_nothing_had_happened(root, tmp_path, monkeypatch):
+    monkeypatch.setattr("benchmark.train.LOG_EVERY", 2)
     (whole,) = train(config(root, tmp_path / "whole"))
     batch = DemonstrationTensors.batch
 
@@ -77,7 +79,10 @@ def test_a_killed_run_goes_on_as_if_nothing_had_happened(root, tmp_path, monkeyp
         patch.setattr(DemonstrationTensors, "batch", killed)
         train(config(root, tmp_path / "killed"))
     (resumed,) = train(config(root, tmp_path / "killed"))
-    assert (resumed / "model.safetensors").read_bytes() == (whole / "model.safetensors").read_bytes()
+    for file in ("model.safetensors", "training_curve.csv"):
+        assert (resumed / file).read_bytes() == (whole / file).read_bytes()
+    curve = pd.read_csv(resumed / "training_curve.csv")
+    assert curve.step.tolist() == [2, 4] and (curve[["loss", "lr", "grad_norm"]] > 0).all(axis=None)
 
 
 def test_a_checkpoint_loads_and_says_how_it_was_made(root, tmp_path):
