@@ -89,7 +89,7 @@ def top_view_figure(drawn: "list[tuple[ArmSetting, SimilarityGrid, EnergyField]]
     figure = Figure(figsize=(3.4 * len(drawn) + 1.6, 8.6), layout="constrained")
     panels = figure.subplots(2, len(drawn), squeeze=False, sharex=True, sharey=True)
     most = max(np.nanmax(_at_height(similar.mmd, similar, HEIGHT)) for _, similar, _ in drawn)
-    steepest = max(np.linalg.norm(_slope(energy, HEIGHT)[1], axis=-1).max() for _, _, energy in drawn)
+    steepest = max(np.linalg.norm(slope_over_table(energy, HEIGHT)[1], axis=-1).max() for _, _, energy in drawn)
     for (arm, similar, energy), (above, below) in zip(drawn, panels.T, strict=True):
         grid = similar.grid
         ends = [(low, low + grid.cell_size * n) for low, n in zip(grid.origin, grid.shape, strict=True)]
@@ -100,7 +100,7 @@ def top_view_figure(drawn: "list[tuple[ArmSetting, SimilarityGrid, EnergyField]]
             above.imshow(colour, origin="lower", extent=extent)
         mmd = _at_height(similar.mmd, similar, HEIGHT)
         image = above.imshow(mmd.T, origin="lower", extent=extent, cmap="RdYlBu_r", vmin=0, vmax=most)
-        points, slope = _slope(energy, HEIGHT)
+        points, slope = slope_over_table(energy, HEIGHT)
         length = np.linalg.norm(slope, axis=-1)
         mesh = below.pcolormesh(*points.T, length.T, cmap="viridis", vmin=0, vmax=steepest, rasterized=True)
         every = (slice(None, None, 7),) * 2
@@ -109,7 +109,7 @@ def top_view_figure(drawn: "list[tuple[ArmSetting, SimilarityGrid, EnergyField]]
             *points[every][shown].T, *slope[every][shown].T, color="white", angles="xy", scale=25 * steepest, width=4e-3
         )
         for ax in (above, below):
-            _annotate(ax, arm)
+            annotate(ax, arm)
         above.set_title(f"{arm.robot.upper()}: MMD to {SOURCE}")
         below.set_title(f"{arm.robot.upper()}: ‖∇E‖, arrows uphill")
     figure.colorbar(image, ax=panels[0], label="MMD, unitless", shrink=0.8)
@@ -130,7 +130,7 @@ def _at_height(values: np.ndarray, similar: "SimilarityGrid", height: float) -> 
     return values.reshape(grid.shape)[:, :, int((height - grid.origin[2]) / grid.cell_size)]
 
 
-def _slope(energy: "EnergyField", height: float) -> tuple[np.ndarray, np.ndarray]:
+def slope_over_table(energy: "EnergyField", height: float) -> tuple[np.ndarray, np.ndarray]:
     """Points (nx, ny, 2), in [m], over the table and around it, and the energy's slope there, (nx, ny, 2) in [1/m]."""
     x, y = np.arange(-0.3, 0.801, SLOPE_SPACING), np.arange(-0.6, 0.601, SLOPE_SPACING)
     xy = np.stack(np.meshgrid(x, y, indexing="ij"), -1)
@@ -138,7 +138,7 @@ def _slope(energy: "EnergyField", height: float) -> tuple[np.ndarray, np.ndarray
     return xy, energy.gradient(points)[:, :2].reshape(xy.shape)
 
 
-def _annotate(ax: "Axes", arm: "ArmSetting") -> None:
+def annotate(ax: "Axes", arm: "ArmSetting") -> None:
     """Base, table, places of blocks and targets, and the paper's dangerous rectangle in both readings."""
     from matplotlib.patches import Rectangle
     from matplotlib.patheffects import withStroke

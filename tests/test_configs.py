@@ -19,6 +19,7 @@ from benchmark.config import OracleConfig, RunConfig, VerifyMapsConfig
 from benchmark.dashboard import DashboardConfig
 from benchmark.enter import EnterConfig
 from benchmark.environment_speed import EnvironmentSpeedConfig
+from benchmark.failure_places import FailurePlacesConfig
 from benchmark.field_sensitivity import FieldSensitivityConfig
 from benchmark.lambda_curves import LambdaCurvesConfig
 from benchmark.leaderboard import LeaderboardConfig
@@ -45,6 +46,7 @@ SCHEMAS = {
     "top_view": TopViewConfig,
     "lambda_curves": LambdaCurvesConfig,
     "prediction": PredictionConfig,
+    "failure_places": FailurePlacesConfig,
     "build_maps": BuildMapsConfig,
     "merge_maps": MergeMapsConfig,
     "oracle": OracleConfig,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from benchmark.top_view import _at_height, _slope, top_view_figure
+from benchmark.top_view import _at_height, slope_over_table, top_view_figure
 from envs.arms import HEIGHT, arm_setting
 from richmap.energy import EnergyField
 from richmap.grid import Grid
@@ -41,6 +41,6 @@ def test_the_layer_is_that_of_the_flange():
 
 def test_slopes_are_those_of_the_field():
     energy = EnergyField(GRID, np.add.outer(GRID.axes()[0] ** 2, np.zeros((20, 20))), {})
-    points, slope = _slope(energy, HEIGHT)
+    points, slope = slope_over_table(energy, HEIGHT)
     inner = np.abs(points[..., 0]) < 0.5
     assert np.allclose(slope[inner], np.stack([2 * points[..., 0], 0 * points[..., 0]], -1)[inner], atol=1e-6)

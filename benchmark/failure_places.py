@@ -1,0 +1,246 @@
+"""Does guidance act where the failures are? The energy's slope where episodes of direct transfer end.
+
+python -m benchmark.failure_places
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from benchmark.command import SettingError, check_setting, run_command
+from benchmark.config import SETTINGS, TASK_ARMS, EnergyConfig, MapConfig, check_folder, check_targets
+from benchmark.outputs import replacing
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from envs.arms import ArmSetting
+    from richmap.energy import EnergyField
+
+LAST = 10
+"""Steps, a second, over which the place is averaged where an episode ends."""
+PLACED = "both blocks placed"
+"""Stands for the cause of an episode that did not fail."""
+FLAT = 0.01
+"""Slope, in [1/m], below which guidance does nothing: with λ = 1 the first action moves by a tenth of a millimetre."""
+DRAWN = 300
+"""Ends of successful episodes in a picture, at most."""
+
+
+@dataclass
+class FailurePlacesConfig:
+    """Compares where episodes of direct transfer end, cause by cause, with what the energy's slope is there."""
+
+    robots: list[str] = field(default_factory=lambda: list(TASK_ARMS[1:]))
+    """Target arms, as in robots=[ur3,ur5]."""
+    settings: list[str] = field(default_factory=lambda: list(SETTINGS))
+    """Settings of the arms; those without stored episodes are left out."""
+    episodes: str = "results"
+    """Folder under which episodes.parquet are read, of test seeds (100000 on) and lambda = 0."""
+    output_dir: str = "results"
+    """Folder of failure_places.md; the figure goes to its folder figures."""
+    workers: int = 2
+    """Processes that sample for maps that are not in the cache. A whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+    energy: EnergyConfig = field(default_factory=EnergyConfig)
+
+    def __post_init__(self) -> None:
+        check_targets(self.robots)
+        for name in self.settings or [None]:
+            check_setting(name in SETTINGS, "settings", name, ", ".join(SETTINGS))
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        check_folder(self.output_dir)
+
+
+def main(config: FailurePlacesConfig) -> None:
+    """Write the table and the figure from the stored episodes; maps come from the cache, or are built first."""
+    import pandas as pd
+    from rich.console import Console
+
+    from benchmark.build_maps import energy_field
+    from benchmark.prediction import direct_episodes
+    from envs.arms import arm_setting
+    from richmap.robots import load_robot
+
+    console, output_dir = Console(), Path(config.output_dir)
+    direct, tables, drawn = direct_episodes(Path(config.episodes)), [], []
+    for robot in config.robots:
+        for setting in config.settings:
+            rows = direct[(direct.robot == robot) & (direct.setting == setting)] if len(direct) else direct
+            if rows.empty:
+                continue
+            arm, description = arm_setting(robot, setting), load_robot(robot)
+            energy, _ = energy_field(description, arm.base, config.map, config.energy, config.workers, console)
+            ends = ends_of(rows, arm, energy)
+            tables.append(by_cause(ends).assign(robot=robot, setting=setting))
+            drawn.append((arm, energy, ends))
+    if not drawn:
+        raise SettingError(
+            f"{config.episodes} holds no episodes of direct transfer on test seeds of {', '.join(config.robots)}. "
+            "Make them: python -m benchmark.run -m experiment=transfer"
+        )
+    for ending in ("svg", "png"):
+        with replacing(output_dir / "figures" / f"failure_places.{ending}") as path:
+            places_figure(drawn).savefig(path, dpi=110)
+    with replacing(output_dir / "failure_places.md") as path:
+        path.write_text(markdown(pd.concat(tables, ignore_index=True)))
+    console.print(f"Table: {output_dir / 'failure_places.md'}", soft_wrap=True)
+
+
+def ends_of(episodes: "pd.DataFrame", arm: "ArmSetting", energy: "EnergyField") -> "pd.DataFrame":
+    """Where each episode ends, and what guidance would do there.
+
+    Args:
+        episodes: Rows with `failure_cause`, and the flange's path in [mm] in `path_x` and `path_y`.
+        arm: The arm as it stood.
+        energy: The field in the world frame.
+
+    Returns:
+        A row per episode: its cause; `x`, `y` and the distance `radius` from the base's axis, in [m]; there the energy,
+        the length `slope` of its gradient in the plane and how guidance pushes `outward`, -∂E/∂R, both in [1/m].
+    """
+    import pandas as pd
+
+    from envs.arms import HEIGHT
+
+    paths = (episodes.path_x, episodes.path_y)
+    xy = np.stack([[np.mean(path[-LAST:]) / 1000 for path in coordinate] for coordinate in paths], axis=-1)
+    value, gradient = energy.value_and_gradient(np.column_stack([xy, np.full(len(xy), HEIGHT)]))
+    from_base = xy - np.array(arm.base[:2])
+    radius = np.linalg.norm(from_base, axis=1)
+    return pd.DataFrame(
+        {
+            "cause": episodes.failure_cause.fillna(PLACED).to_numpy(dtype=object),
+            "x": xy[:, 0],
+            "y": xy[:, 1],
+            "radius": radius,
+            "energy": value,
+            "slope": np.linalg.norm(gradient[:, :2], axis=1),
+            "outward": -(gradient[:, :2] * from_base).sum(1) / radius,
+        }
+    )
+
+
+def by_cause(ends: "pd.DataFrame") -> "pd.DataFrame":
+    """For each cause the number of episodes, median and tenth to ninetieth percentile of what `ends_of` gives, and the
+    share where the field is flat; the most frequent cause first, successes last."""
+    import pandas as pd
+
+    rows = []
+    order = [cause for cause in ends.cause.value_counts().index if cause != PLACED]
+    for cause in [*order, *([PLACED] if (ends.cause == PLACED).any() else [])]:
+        group = ends[ends.cause == cause]
+        row = {"cause": cause, "n": len(group), "flat": (group.slope < FLAT).mean()}
+        for name in ("radius", "energy", "slope", "outward"):
+            low, row[name], high = np.quantile(group[name], [0.1, 0.5, 0.9])
+            row |= {f"{name}_low": low, f"{name}_high": high}
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+TEXT = """# Does guidance act where the failures are?
+
+Made by `python -m benchmark.failure_places` from the stored episodes of direct transfer (λ = 0, test seeds): where the
+flange is in an episode's last second, and what the energy's slope is there. Medians, in brackets the tenth and the
+ninetieth percentile of the episodes. *R*: distance from the base's axis. *Outward*: how λ∇E pushes along it, -∂E/∂R;
+below 0 it pulls inward. *Flat*: share of the episodes that end where the slope is below {flat:g} per metre, so that
+guidance does nothing.
+
+{table}
+
+![where episodes end, over the energy](figures/failure_places.png)
+
+Colour: energy, bright where the arms differ; arrows: where guidance pushes; dots: where episodes of direct transfer
+end.
+"""
+
+
+def markdown(table: "pd.DataFrame") -> str:
+    """The document."""
+    import pandas as pd
+
+    def spread(name: str, form: str) -> list[str]:
+        columns = (name, f"{name}_low", f"{name}_high")
+        return [
+            f"{value:{form}} [{low:{form}}, {high:{form}}]"
+            for value, low, high in zip(*(table[c] for c in columns), strict=True)
+        ]
+
+    shown = pd.DataFrame(
+        {
+            "arm": table.robot,
+            "setting": table.setting,
+            "ended by": table.cause,
+            "n": table.n,
+            "R [m]": spread("radius", ".3f"),
+            "E": spread("energy", ".3f"),
+            "slope [1/m]": spread("slope", ".3f"),
+            "outward [1/m]": spread("outward", "+.3f"),
+            "flat [%]": (100 * table.flat).map("{:.0f}".format),
+        }
+    )
+    return TEXT.format(flat=FLAT, table=shown.to_markdown(index=False, disable_numparse=True))
+
+
+def places_figure(drawn: "list[tuple[ArmSetting, EnergyField, pd.DataFrame]]") -> "Figure":
+    """An arm as it stood in each panel: energy at the flange's height, where guidance pushes, where episodes end."""
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+    from benchmark.top_view import annotate, slope_over_table
+    from envs.arms import HEIGHT
+    from envs.failure import CAUSES
+
+    columns = min(3, len(drawn))
+    lines = -(-len(drawn) // columns)
+    figure = Figure(figsize=(4.0 * columns, 4.1 * lines + 0.7), layout="constrained")
+    panels = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True).ravel()
+    colours = dict(zip(CAUSES, _COLOURS, strict=True))
+    for ax, (arm, energy, ends) in zip(panels, drawn, strict=False):
+        points, slope = slope_over_table(energy, HEIGHT)
+        value = energy.value_and_gradient(
+            np.concatenate([points, np.full((*points.shape[:2], 1), HEIGHT)], -1).reshape(-1, 3)
+        )[0].reshape(points.shape[:2])
+        mesh = ax.pcolormesh(*points.T, value.T, cmap="Greys_r", vmin=0, rasterized=True)
+        every = (slice(None, None, 6),) * 2
+        pushed = np.where(np.linalg.norm(slope, axis=-1, keepdims=True) > FLAT, -slope, np.nan)[every]
+        ax.quiver(*points[every].T, *pushed.T, color="tab:cyan", angles="xy", scale=6, width=3e-3)
+        annotate(ax, arm)
+        placed = ends[ends.cause == PLACED].head(DRAWN)
+        ax.plot(placed.x, placed.y, ".", color="tab:green", markersize=2, alpha=0.5)
+        for cause, group in ends[ends.cause != PLACED].groupby("cause"):
+            ax.plot(group.x, group.y, ".", color=colours[cause], markersize=5)
+        ax.set(title=f"{arm.robot}, {arm.name}", xlabel="x [m]", ylabel="y [m]")
+        ax.label_outer()
+        figure.colorbar(mesh, ax=ax, label="E", shrink=0.7)
+    for ax in panels[len(drawn) :]:
+        ax.set_axis_off()
+    present = [cause for cause in CAUSES if any((ends.cause == cause).any() for _, _, ends in drawn)]
+    dots = [Line2D([], [], marker=".", linestyle="", color=colours[cause], label=cause) for cause in present]
+    dots.append(Line2D([], [], marker=".", linestyle="", color="tab:green", label=PLACED))
+    figure.legend(handles=dots, loc="outside lower center", ncol=5, fontsize=8, frameon=False)
+    return figure
+
+
+_COLOURS = (
+    "red",
+    "magenta",
+    "purple",
+    "hotpink",
+    "brown",
+    "gold",
+    "tan",
+    "navy",
+    "deepskyblue",
+    "blue",
+    "orange",
+    "olive",
+)
+"""Of the causes of failure, in their order."""
+
+
+if __name__ == "__main__":
+    run_command(main, FailurePlacesConfig, "failure_places")
