@@ -14,6 +14,7 @@ from benchmark.approximate_ik import ApproximateIkConfig
 from benchmark.arms import ArmsConfig
 from benchmark.build_maps import BuildMapsConfig
 from benchmark.capability_map import CapabilityMapConfig
+from benchmark.cause_videos import CauseVideosConfig
 from benchmark.collect import CollectConfig
 from benchmark.config import OracleConfig, RunConfig, VerifyMapsConfig
 from benchmark.dashboard import DashboardConfig
@@ -47,6 +48,7 @@ SCHEMAS = {
     "lambda_curves": LambdaCurvesConfig,
     "prediction": PredictionConfig,
     "failure_places": FailurePlacesConfig,
+    "cause_videos": CauseVideosConfig,
     "build_maps": BuildMapsConfig,
     "merge_maps": MergeMapsConfig,
     "oracle": OracleConfig,

@@ -1,0 +1,111 @@
+"""A moving picture of each cause of failure, of an episode that is stored.
+
+python -m benchmark.cause_videos
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from benchmark.command import SettingError, check_setting, run_command
+from benchmark.config import TASK_ARMS, check_folder
+from benchmark.outputs import replacing
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass
+class CauseVideosConfig:
+    """Replays one stored episode of each cause of failure and shows it, to read the causes against."""
+
+    episodes: str = "results"
+    """Folder under which episodes.parquet are read, of all seeds."""
+    output_dir: str = "results"
+    """Folder of causes.md; the pictures go to its folder figures/causes."""
+    workers: int = 2
+    """Processes that sample for maps that are not in the cache. A whole number >= 1."""
+
+    def __post_init__(self) -> None:
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        check_folder(self.output_dir)
+
+
+def main(config: CauseVideosConfig) -> None:
+    """Replay an episode of each cause that stored rows have, and write pictures and a table."""
+    import pandas as pd
+    from rich.console import Console
+
+    from benchmark.code_version import code_version
+    from benchmark.record import record
+    from benchmark.replay import ReplayConfig, row_rollout
+    from benchmark.results import row_name
+    from benchmark.trusted_rows import read_trusted
+
+    console, output_dir = Console(), Path(config.output_dir)
+    files = sorted(Path(config.episodes).rglob("episodes.parquet"))
+    tables = [table for file in files if len(table := read_trusted(file))]
+    failed = pd.concat([table[table.failure_cause.notna()] for table in tables], ignore_index=True) if tables else []
+    if not len(failed):
+        raise SettingError(f"{config.episodes} holds no failed episodes. Make some: python -m benchmark.run robot=ur3")
+    chosen = examples(failed, code_version())
+    for row in chosen.to_dict("records"):
+        rollout = row_rollout(row, ReplayConfig(workers=config.workers), console)
+        file = output_dir / "figures" / "causes" / f"{row['failure_cause']}.webp"
+        with replacing(file) as path:
+            outcome = record(rollout, row["episode_seed"], path).outcome
+        if outcome.failure_cause != row["failure_cause"]:
+            raise SettingError(
+                f"{row_name(row)} failed by {row['failure_cause']} and, replayed, by {outcome.failure_cause}. See what "
+                f"else differs: python -m benchmark.replay table={config.episodes} row={row['row_hash']}"
+            )
+        console.print(str(file), soft_wrap=True)
+    with replacing(output_dir / "causes.md") as path:
+        path.write_text(markdown(chosen, failed.failure_cause.value_counts()))
+    console.print(f"Table: {output_dir / 'causes.md'}", soft_wrap=True)
+
+
+def examples(failed: "pd.DataFrame", code: str) -> "pd.DataFrame":
+    """One row for each cause that there is, of this version of the code and of our own methods.
+
+    Direct transfer comes before guidance, the UR3 before the other targets and these before the source; then seeds.
+    """
+    ours = failed[(failed.code_version == code) & (failed.entry_hash == "")]
+    order = ours.assign(guided=ours["lambda"] > 0, arm=ours.robot.map([*TASK_ARMS[1:], TASK_ARMS[0]].index))
+    order = order.sort_values(["guided", "arm", "episode_seed", "row_hash"])
+    return ours.loc[order.groupby("failure_cause", sort=False).head(1).index]
+
+
+TEXT = """# Causes of failure, each seen
+
+Made by `python -m benchmark.cause_videos`: one stored episode of each cause, replayed, at twice the speed. The rules
+are in the README and in `envs/failure.py`. *Stored*: failed episodes by this cause under `results/`, of all arms,
+methods and seeds, also of scales and policies that were tried and not chosen. Any row replays alone: `python -m
+benchmark.replay table=results row=<row>`.
+
+No stored episode of this code failed by: {missing}.
+
+| cause | stored | the episode that is shown | |
+|---|---|---|---|
+{rows}
+"""
+
+
+def markdown(chosen: "pd.DataFrame", stored: "pd.Series") -> str:
+    """The document."""
+    from envs.failure import CAUSES
+
+    by_cause = {row["failure_cause"]: row for row in chosen.to_dict("records")}
+    rows = [
+        f"| `{cause}` | {stored[cause]} | {row['robot']}, {row['setting']}, {row['method']}, λ {row['lambda']:g}, "
+        f"policy {row['checkpoint']}, seed {row['episode_seed']}, {row['length']} steps; row `{row['row_hash'][:12]}` "
+        f"| ![{cause}](figures/causes/{cause}.webp) |"
+        for cause in CAUSES
+        if (row := by_cause.get(cause))
+    ]
+    missing = ", ".join(f"`{cause}`" for cause in CAUSES if cause not in by_cause) or "none"
+    return TEXT.format(rows="\n".join(rows), missing=missing)
+
+
+if __name__ == "__main__":
+    run_command(main, CauseVideosConfig, "cause_videos")

@@ -1,0 +1,82 @@
+"""Each cause of failure is shown by an episode that fails by it."""
+
+import dataclasses
+
+import pandas as pd
+import pytest
+from PIL import Image
+from rich.console import Console
+
+from benchmark.cause_videos import CauseVideosConfig, examples, main, markdown
+from benchmark.command import SettingError
+from benchmark.config import RobotConfig, RunConfig
+from benchmark.results import OPTIONAL, read_episodes, row_hash, store_episodes
+from benchmark.rollout import play
+from benchmark.run import checkpoint_folder, make_rollout
+from tests.made_up_episodes import CONDITION, episode
+
+SEED = 50_015
+"""A block lies where the UR3 cannot push it."""
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """An episode that fails."""
+    folder = tmp_path_factory.mktemp("stored")
+    config = RunConfig(robot=RobotConfig("ur3"), slots=2, device="cpu")
+    store_episodes(folder, play(make_rollout(config, 0.0, checkpoint_folder(42), Console(quiet=True)), [SEED]))
+    return folder
+
+
+def test_a_stored_episode_is_played_again_and_shown(stored, tmp_path):
+    main(CauseVideosConfig(episodes=str(stored), output_dir=str(tmp_path)))
+    with Image.open(tmp_path / "figures" / "causes" / "outer_reach.webp") as picture:
+        assert picture.n_frames == 176  # Every other one of 350 steps and the reset.
+    text = (tmp_path / "causes.md").read_text()
+    assert "| `outer_reach` | 1 | ur3, embodied, direct, λ 0, policy seed42-1, seed 50015, 350 steps" in text
+    assert "`dithering`" in text.split("| cause")[0]  # No episode here failed by that.
+
+
+def test_a_row_that_fails_otherwise_when_it_is_played_again_is_refused(stored, tmp_path, monkeypatch):
+    def unseen(rollout, seed, file):
+        file.touch()
+        return play(rollout, [seed])[0]
+
+    monkeypatch.setattr("benchmark.record.record", unseen)  # Pictures take half a minute.
+    (row,) = read_episodes(stored).to_dict("records")
+    row["failure_cause"] = "block_tipped"
+    row["row_hash"] = row_hash(row)
+    pd.DataFrame([row]).astype(OPTIONAL).to_parquet(tmp_path / "episodes.parquet")
+    with pytest.raises(SettingError, match="failed by block_tipped and, replayed, by outer_reach"):
+        main(CauseVideosConfig(episodes=str(tmp_path), output_dir=str(tmp_path / "out")))
+
+
+def test_without_failed_episodes_the_way_out_is_said(tmp_path):
+    with pytest.raises(SettingError, match=r"no failed episodes. Make some: python -m benchmark.run robot=ur3"):
+        main(CauseVideosConfig(episodes=str(tmp_path), output_dir=str(tmp_path)))
+
+
+def test_direct_transfer_on_target_arms_comes_first_and_other_code_never():
+    def row(seed, cause, **condition):
+        made = episode(seed, p2=False, condition=dataclasses.replace(CONDITION, **condition)).row()
+        return made | {"failure_cause": cause}
+
+    guided = {"method": "paper", "guidance_scale": 0.5}
+    failed = pd.DataFrame(
+        [
+            row(1, "dithering", **guided),
+            row(2, "dithering", robot="xarm6"),
+            row(9, "dithering", robot="ur10"),
+            row(3, "time_out", **guided),
+            row(0, "time_out", code_version="v0"),
+            row(0, "time_out", entry_hash="abc"),
+            row(0, "block_tipped", code_version="v0"),
+        ]
+    )
+    chosen = examples(failed, "v1")
+    assert {(each.failure_cause, each.episode_seed) for each in chosen.itertuples()} == {
+        ("dithering", 9),
+        ("time_out", 3),
+    }
+    text = markdown(chosen, failed.failure_cause.value_counts())
+    assert "| `dithering` | 3 | ur10" in text and "`block_tipped`" in text.split("| cause")[0]
