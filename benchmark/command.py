@@ -50,6 +50,7 @@ def run_command[Config](main: Callable[[Config], None], schema: type[Config], na
     ConfigStore.instance().store(f"{name}_schema", named_as_typed(OmegaConf.structured(schema)))
     try:
         _check_arguments([arg for arg in sys.argv[1:] if arg not in ("-m", "--multirun")], name, schema)
+        sys.argv[1:] = [_as_text(arg, schema) for arg in sys.argv[1:]]
         hydra.main(version_base="1.3", config_path=str(CONF), config_name=name)(enter)()
     except (SettingError, HydraException) as error:
         _refuse(error)
@@ -135,6 +136,18 @@ def _check_arguments(arguments: list[str], name: str, schema: type) -> None:
             choices = [*presets[key]] if key in presets else _choices(key, schema)
             for value in override.sweep_string_iterator() if override.is_choice_sweep() else [override.value()]:
                 check_setting(value in choices, key, value, ", ".join(choices))
+
+
+def _as_text(argument: str, schema: type) -> str:
+    """An argument whose setting is a text, quoted where Hydra would read a number: row=4787e758 is no 4787 · 10^758."""
+    key, _, value = argument.partition("=")
+    kind: Any = schema
+    for part in key.split("."):
+        types = {each.name: each.type for each in fields(kind)} if is_dataclass(kind) else {}
+        kind = types.get(PYTHON_NAME.get(part, part))
+    if kind is not str or not isinstance(OverridesParser.create().parse_override(argument).value(), int | float):
+        return argument
+    return f"{key}='{value}'"
 
 
 def typed[Config](config: DictConfig, schema: type[Config]) -> Config:

@@ -109,6 +109,11 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     from benchmark.scores import SCORES, by_condition, with_interval
 
     folder = Path(run.output_dir)
+    if folder.resolve() == entry.folder.resolve():
+        raise SettingError(
+            f"entry={entry.folder} is the folder that its episodes go to, where they would become part of the entry. "
+            "Keep the entry elsewhere, or give another output_dir."
+        )
     _check_author(entry, folder)
     with replacing(folder / "entry.yaml") as path:
         shutil.copyfile(entry.folder / "entry.yaml", path)

@@ -66,7 +66,7 @@ class Entry:
         digest = hashlib.sha256()
         for path in sorted(self.folder.rglob("*")):
             name = path.relative_to(self.folder)
-            if any(part.startswith((".", "__pycache__")) for part in name.parts):
+            if _unhashed(name):
                 continue
             if path.is_symlink():
                 raise SettingError(f"{path} is a link. An entry holds its files itself: copy it there.")
@@ -129,4 +129,13 @@ class Entry:
         inside = (self.folder / path).resolve()
         if not inside.is_relative_to(self.folder.resolve()):
             raise SettingError(f"{self.folder / 'entry.yaml'}: {path} lies outside of the entry. Copy it there.")
+        if _unhashed(inside.relative_to(self.folder.resolve())):
+            raise SettingError(
+                f"{self.folder / 'entry.yaml'}: {path} is hidden, or Python's own, and could change unseen. Rename it."
+            )
         return inside
+
+
+def _unhashed(name: Path) -> bool:
+    """Whether a file of an entry is left out of its hash: hidden ones and Python's own."""
+    return any(part.startswith(".") or part == "__pycache__" for part in name.parts)

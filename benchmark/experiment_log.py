@@ -162,7 +162,8 @@ def log_curves(config: WandbConfig, episodes: "pd.DataFrame", group: str) -> Non
     alike = [*ARM, *SAMPLING, "code_version"]
     by_hash = episodes.assign(checkpoint=episodes.checkpoint_hash)  # Two policies may go by one name.
     seeds, policies = episodes.episode_seed.nunique(), by_hash.checkpoint.nunique()
-    protocol = Protocol("sweep", SETTINGS, seeds, policies, tuple(SCORES), best_only=False)
+    slots = episodes.batch_shape.iloc[0]  # Those of other batches are other curves.
+    protocol = Protocol("sweep", SETTINGS, seeds, slots, policies, tuple(SCORES), best_only=False)
     points = leaderboard(by_hash, protocol)
     shown = [f"{score}{end}" for score in SCORES for end in ("", "_low", "_high", "_difference")]
     guided = points[points.method != "direct"]

@@ -29,11 +29,11 @@ class LambdaCurvesConfig:
 
 def main(config: LambdaCurvesConfig) -> None:
     """Draw what is stored."""
-    from benchmark.ranking import PROTOCOLS, counted, leaderboard
+    from benchmark.ranking import PROTOCOLS, counted, leaderboard, shipped
     from benchmark.trusted_rows import read_all_episodes
 
     (paper,) = [protocol for protocol in PROTOCOLS if protocol.name == "paper"]
-    episodes = counted(read_all_episodes(Path(config.output_dir), FIRST_TEST_SEED), paper)
+    episodes = counted(read_all_episodes(Path(config.output_dir), FIRST_TEST_SEED), paper, shipped())
     if not len(episodes):
         raise SettingError(
             f"There are no test episodes of the paper's protocol under {config.output_dir}. Make some: "

@@ -25,20 +25,21 @@ def main(config: LeaderboardConfig) -> None:
     from benchmark.leaderboard_page import page
     from benchmark.leaderboard_text import markdown
     from benchmark.oracle_scores import with_oracles
-    from benchmark.ranking import PROTOCOLS, counted, leaderboard
+    from benchmark.ranking import PROTOCOLS, counted, leaderboard, shipped
     from benchmark.trusted_rows import read_all_episodes
 
     folder = Path(config.output_dir)
     episodes = read_all_episodes(folder, FIRST_TEST_SEED)
-    tables = {}
+    tables, ours = {}, shipped()
     for protocol in PROTOCOLS:
-        rows = counted(episodes, protocol)
+        rows = counted(episodes, protocol, ours)
         if len(rows):
             tables[protocol] = with_oracles(leaderboard(rows, protocol), folder)
     if not tables:
         raise SettingError(
-            f"There are no test episodes (seeds from {FIRST_TEST_SEED}) in any episodes.parquet under {folder}. "
-            "Make some: python -m benchmark.run robot=ur3 lambda=0.5"
+            f"There are no test episodes (seeds from {FIRST_TEST_SEED}) of a protocol, by policies that ship or by an "
+            f"entry, in any episodes.parquet under {folder}. Make some: "
+            "python -m benchmark.run protocol=strict robot=ur3"
         )
     files = {"LEADERBOARD.md": markdown(tables), "leaderboard.html": page(tables, folder / "figures")}
     for name, text in files.items():

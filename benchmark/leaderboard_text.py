@@ -30,8 +30,10 @@ Made by `python -m benchmark.leaderboard` from the stored episodes alone. With f
 - **Reference** and **ceiling** are the scripted oracle that knows nothing of the arm and the one that does, on the
   seeds that are given, which need not be those of the policies. A policy may beat either.
 - **Failed by cause**: an episode failed if it never had p2. What rolled out of a target later has no cause.
-- **n** counts episodes, of all policies; * marks a row that lacks policies or episodes of the protocol. *(entry)* came
-  from outside. A dash: not measured.
+- **n** counts episodes, of all policies; * marks a row that lacks policies or episodes of the protocol, and so comes
+  last. *(entry)* came from outside. A dash: not measured.
+- **What counts**: rows of a protocol's settings, episodes and batches, by policies that ship with the project or by
+  entries. Other code versions have sections, and Holm families, of their own.
 """
 
 PROTOCOL_TEXTS = {

@@ -5,8 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmark.checkpoint import Checkpoint
 from benchmark.command import SettingError
 from benchmark.config import FIRST_TEST_SEED, TASK_ARMS
+from benchmark.run import CHECKPOINTS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,6 +24,8 @@ class Protocol:
     settings: tuple[str, ...]
     episodes: int
     """Of each policy, from the first test seed on."""
+    slots: int
+    """Rows of the batches in which policies are evaluated: other batches round otherwise."""
     policies: int
     """Of ours; an entry may have one of its own."""
     scores: tuple[str, ...]
@@ -31,8 +35,8 @@ class Protocol:
 
 
 PROTOCOLS = (
-    Protocol("paper", ("original",), 50, 9, ("score", "p2"), best_only=False),
-    Protocol("strict", ("embodied", "best"), 500, 3, ("p2", "success_at_end", "p1", "score"), best_only=True),
+    Protocol("paper", ("original",), 50, 10, 9, ("score", "p2"), best_only=False),
+    Protocol("strict", ("embodied", "best"), 500, 50, 3, ("p2", "success_at_end", "p1", "score"), best_only=True),
 )
 
 ARM = ["setting", "robot", "base", "branch", "self_collision", "joint_limits", "orientation_weight"]
@@ -46,20 +50,29 @@ MECHANISM = ("far_target_first", "share_near_base", "share_rectangle_a", "share_
 steps."""
 
 
-def counted(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
-    """The rows that a protocol counts."""
+def shipped() -> set[str]:
+    """Hashes of the weights of the policies that ship with the project."""
+    return {Checkpoint(file.parent).weights_hash for file in CHECKPOINTS[0].glob("*/model.safetensors")}
+
+
+def counted(episodes: "pd.DataFrame", protocol: Protocol, ours: set[str]) -> "pd.DataFrame":
+    """The rows that a protocol counts: of its settings, episodes and batches, of our policies (hashes of their weights)
+    or of an entry. Other people's policies count as entries."""
     if episodes.empty:
         return episodes
     seeds = range(FIRST_TEST_SEED, FIRST_TEST_SEED + protocol.episodes)
     counts = episodes.setting.isin(protocol.settings) & episodes.episode_seed.isin(seeds)
+    counts &= episodes.batch_shape == protocol.slots
+    of_ours = episodes.checkpoint_hash.isin(ours)
     if protocol.best_only:
-        lesser = episodes.checkpoint.str.fullmatch(r"seed\d+-([2-9]|\d\d+)")
-        counts &= ~lesser | (episodes.entry_hash != "")  # What an entry calls its policies says nothing of their rank.
-    return episodes[counts]
+        of_ours &= ~episodes.checkpoint.str.fullmatch(r"seed\d+-([2-9]|\d\d+)")
+    return episodes[counts & (of_ours | (episodes.entry_hash != ""))]
 
 
 def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
     """One row per arm and method, over all policies: scores, differences to direct transfer, what changed, causes.
+
+    Rows that lack episodes or policies come last on their arm: what is missing may be what failed.
 
     For each score and each of `MECHANISM` there is its mean (the column of its name), `_low` and `_high`, its
     difference to direct transfer on the same episodes of the same policies, `_difference`, `_difference_low` and
@@ -79,16 +92,18 @@ def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
 
     from benchmark.statistics import holm
 
-    rows = []
+    rows, ours = [], {*episodes.checkpoint_hash[episodes.entry_hash == ""]}
     episodes = episodes.assign(far_target_first=_far_target_first(episodes), training=_training(episodes))
     for _, of_arm in episodes.groupby([*ARM, "code_version"]):
         for _, group in of_arm.groupby([*GUIDANCE, *SAMPLING], dropna=False):
-            rows.append(_row(group, _direct(of_arm, group), protocol) | _to_common_base(episodes, group, protocol))
+            rows.append(
+                _row(group, _direct(of_arm, group), protocol, ours) | _to_common_base(episodes, group, protocol)
+            )
     table = pd.DataFrame(rows)
     for score in protocol.scores:
-        table[f"{score}_holm"] = table.groupby("setting")[f"{score}_p"].transform(holm)
+        table[f"{score}_holm"] = table.groupby(["setting", "code_version"])[f"{score}_p"].transform(holm)
     rank = [protocol.settings.index(x) for x in table.setting], [TASK_ARMS.index(x) for x in table.robot]
-    order = np.lexsort([table["lambda"], -table[protocol.scores[0]], *rank[::-1]])
+    order = np.lexsort([table["lambda"], -table[protocol.scores[0]], ~table.complete, *rank[::-1]])
     return table.iloc[order].reset_index(drop=True)
 
 
@@ -126,8 +141,8 @@ def _to_common_base(episodes: "pd.DataFrame", group: "pd.DataFrame", protocol: P
     return row
 
 
-def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol) -> dict:
-    """One row of the leaderboard."""
+def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol, ours: set[str]) -> dict:
+    """One row of the leaderboard; an entry that has one of our policies is to have all of them."""
     from benchmark.statistics import clustered_difference, clustered_mean, sign_flip_p_value
 
     first = group.iloc[0]
@@ -138,7 +153,8 @@ def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol) -> d
             f"{first['lambda']:g}: {', '.join(x[:12] for x in group.checkpoint_hash.unique())}. "
             "Move the episodes.parquet of one of them away."
         )
-    policies = group.checkpoint.nunique() if first.entry_hash else protocol.policies
+    foreign = first.entry_hash and not group.checkpoint_hash.isin(ours).any()
+    policies = group.checkpoint.nunique() if foreign else protocol.policies
     row = first[[*ARM, *GUIDANCE, *SAMPLING, "code_version"]].to_dict() | {
         "entry": bool(first.entry_hash),
         "commits": sorted(group.commit.unique()),

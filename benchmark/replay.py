@@ -58,15 +58,25 @@ class ReplayConfig:
 
 
 def main(config: ReplayConfig) -> None:
-    """Replay the chosen rows. The exit status is 1 if a column of one is not bit-equal."""
+    """Replay the chosen rows; of several, those whose pieces are on this machine. The exit status is 1 if a column of
+    one is not bit-equal, or none could be replayed."""
     from rich.console import Console
 
     from benchmark.results import row_hash, row_name
 
-    console, equal = Console(), True
-    for row in chosen_rows(config).to_dict("records"):
+    console, equal, missing = Console(), True, 0
+    rows = chosen_rows(config).to_dict("records")
+    for row in rows:
         console.print(f"{row_name(row)} ({row['row_hash']})", soft_wrap=True, highlight=False)
-        differing = differences(row, row_rollout(row, config, console))
+        try:
+            rollout = row_rollout(row, config, console)
+        except SettingError as error:
+            if len(rows) == 1:
+                raise
+            console.print(f"  not replayed: {error}", soft_wrap=True, highlight=False)
+            missing += 1
+            continue
+        differing = differences(row, rollout)
         code = differing.pop("code_version", None)
         if row_hash(row) != row["row_hash"]:
             differing["row_hash"] = row["row_hash"], "another one: the row was edited after it was stored"
@@ -82,6 +92,10 @@ def main(config: ReplayConfig) -> None:
                 highlight=False,
             )
         equal &= not differing
+    if missing:
+        print(f"{missing} of {len(rows)} rows were not replayed, since something that they were made with is not here.")
+    if missing == len(rows):
+        sys.exit(1)
     if not equal:
         print("Not bit-equal. On the machine that stored it a row replays to the last bit, elsewhere it need not.")
         sys.exit(1)

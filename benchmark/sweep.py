@@ -42,6 +42,9 @@ LOOK_EVERY = 20.0
 MOST_FAILED = 20
 """How many failed jobs are printed one by one."""
 
+RELAUNCHES = 5
+"""How often workers that were killed are started again without any of them having stored an episode in between."""
+
 QUIET = Console(quiet=True)
 """Of jobs, which share the terminal."""
 
@@ -79,15 +82,17 @@ def run_sweep(composed: list[tuple[list[str], DictConfig]], launcher: Launcher, 
         folder: Of this sweep; what failed is in its folder `failed`.
 
     Raises:
-        SettingError: If a setting is wrong in itself, or nothing is left to sweep.
+        SettingError: If the settings of all jobs are wrong in themselves, or nothing is left to sweep.
     """
     console = Console()
-    configs = {tuple(overrides): typed(config, RunConfig) for overrides, config in composed}
-    configs = {overrides: config for overrides, config in configs.items() if not guides_source(config)}
+    failed: dict[str, str] = {}
+    asked = typed_jobs(composed, failed)
+    configs = {overrides: config for overrides, config in asked.items() if not guides_source(config)}
     if not configs:
         raise SettingError(f"A sweep rolls out {SOURCE}, the source itself, without guidance only: lambda=0.")
+    if left_out := len(asked) - len(configs):
+        console.print(f"{left_out} jobs would guide {SOURCE}, the source itself, and are left out.", soft_wrap=True)
     jobs: dict[tuple, Job] = {}
-    failed: dict[str, str] = {}
     for overrides, config in configs.items():
         try:
             job = prepare(overrides, config, console)
@@ -121,14 +126,34 @@ def run_sweep(composed: list[tuple[list[str], DictConfig]], launcher: Launcher, 
     console.print(f"All is stored: {', '.join(sorted({str(job.output_dir) for job in jobs.values()}))}", soft_wrap=True)
 
 
+def typed_jobs(
+    composed: list[tuple[list[str], DictConfig]], failed: dict[str, str]
+) -> dict[tuple[str, ...], RunConfig]:
+    """Settings of the jobs by their overrides; why one has none is added to `failed`.
+
+    Raises:
+        SettingError: If none has.
+    """
+    configs = {}
+    for overrides, config in composed:
+        try:
+            configs[tuple(overrides)] = typed(config, RunConfig)
+        except SettingError as error:
+            if len(failed) + 1 == len(composed):
+                raise
+            failed[" ".join(overrides)] = reason(error)
+    return configs
+
+
 def launch(missing: dict[Job, int], launcher: Launcher, console: Console) -> None:
-    """Run jobs; where a worker was killed, those that are left again, as long as that brings episodes.
+    """Run jobs; where a worker was killed, those that are left again, the first one last: it may be what kills them.
 
     Args:
         missing: Jobs, and how many of their episodes are not stored.
         launcher: What runs them.
         console: Where to print.
     """
+    idle = 0
     while True:
         try:
             launcher.launch([job.overrides for job in missing], initial_job_idx=0)
@@ -136,8 +161,11 @@ def launch(missing: dict[Job, int], launcher: Launcher, console: Console) -> Non
         except Exception as error:
             console.print(f"The launcher ended early. {reason(error)}", soft_wrap=True, markup=False)
             before, missing = missing, unfinished(missing)
-            if not isinstance(error, BrokenProcessPool) or sum(missing.values()) == sum(before.values()):
+            idle = idle + 1 if sum(missing.values()) == sum(before.values()) else 0
+            if not isinstance(error, BrokenProcessPool) or idle > RELAUNCHES:
                 return  # A cluster's other jobs go on.
+            first, *others = missing.items()
+            missing = dict([*others, first])
 
 
 def say_failed(failed: dict[str, str], console: Console) -> None:

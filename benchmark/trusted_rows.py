@@ -11,8 +11,10 @@ from pandas.api.types import is_bool_dtype, is_float_dtype, is_integer_dtype
 from benchmark.command import SettingError
 from benchmark.config import SETTINGS, TASK_ARMS
 from benchmark.results import COLUMNS, IDENTITY, PRODUCER, Condition, read_table, row_hash, row_name
+from envs import MAX_EPISODE_STEPS
 from envs.failure import CAUSES
 from envs.outcome import EpisodeOutcome
+from policies.methods import METHODS
 
 HINTS = get_type_hints(Condition) | get_type_hints(EpisodeOutcome) | {"lambda": float, "episode_seed": int, "slot": int}
 """Types of the columns."""
@@ -92,6 +94,8 @@ def contradictions(table: pd.DataFrame) -> dict[str, pd.Series]:
     shares = table[[name for name in table if name.startswith("share_") or name == "self_contact_share"]]
     known = {"robot": TASK_ARMS, "setting": SETTINGS, "device": ("cpu", "cuda"), "failure_cause": CAUSES}
     return {f"its {name} is none of {', '.join(of)}": ~table[name].isin([*of, None]) for name, of in known.items()} | {
+        "its method is none of ours, and it has no entry_hash": ~table.method.isin(METHODS) & (table.entry_hash == ""),
+        f"it is longer than {MAX_EPISODE_STEPS} steps": table.length > MAX_EPISODE_STEPS,
         "its lambda is no number": ~np.isfinite(table["lambda"]),
         "its slot is not its seed modulo batch_shape": table.slot != table.episode_seed % table.batch_shape.clip(1),
         "its score does not follow from p1 and p2": table.score != score,

@@ -41,8 +41,8 @@ def transfer_episodes():
 
     rng = np.random.default_rng(0)
     about = dict(
-        base="0 0 0", branch="out", orientation_weight=1.0, sampler="DDIM", sampling_steps=10, batch_shape=10,
-        device="cpu", code_version="v1", commit="c1",
+        base="0 0 0", branch="out", orientation_weight=1.0, sampler="DDIM", sampling_steps=10, device="cpu",
+        code_version="v1", commit="c1",
     )  # fmt: skip
     nothing = {f.name: 0.0 for f in dataclasses.fields(EpisodeOutcome)}
     causes = ["outer_reach", "pushed_through", "dithering"]
@@ -50,12 +50,13 @@ def transfer_episodes():
     def rows(robot, setting, method, scale, rate, checkpoints, seeds, entry_hash=""):
         field = method not in ("direct", "pull-back")
         binds = setting != "original"
+        slots = 50 if binds else 10
         for checkpoint in checkpoints:
             condition = Condition(
                 robot=robot, setting=setting, method=method, guidance_scale=scale, checkpoint=checkpoint,
                 self_collision=binds, joint_limits=binds, field_fingerprint="f" * field, entry_hash=entry_hash,
                 cell_size=0.05 if field else float("nan"), training_seed=int(checkpoint[4:6]),
-                checkpoint_hash=f"hash of {checkpoint}", **about,
+                checkpoint_hash=f"hash of {checkpoint}", batch_shape=slots, **about,
             )  # fmt: skip
             for seed in seeds:
                 p1, p2 = sorted(rng.random(2) < rate, reverse=True)
@@ -67,7 +68,7 @@ def transfer_episodes():
                     first_target=str(rng.choice(["near", "far"])) if p1 else None,
                     failure_cause=None if p2 else str(rng.choice(causes)), share_near_base=float(rng.random() / 10),
                 ))  # fmt: skip
-                yield Episode(condition, seed, seed % 10, outcome).row()
+                yield Episode(condition, seed, seed % slots, outcome).row()
 
     models = ["seed42-1", "seed42-2", "seed43-1", "seed44-1"]
     best, first = ["seed42-1", "seed43-1", "seed44-1"], range(99_999, 100_010)

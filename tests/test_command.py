@@ -5,6 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from benchmark import command
+from benchmark.config import RunConfig
+from benchmark.replay import ReplayConfig
+
 ROOT = Path(__file__).parents[1]
 BAD = {
     "robot=ur7": "Allowed: ur10, ur3, ur5, xarm6",
@@ -45,6 +49,20 @@ def test_a_bad_setting_ends_in_one_line_before_anything_heavy_is_imported(argume
     assert status == 2 and output == ""
     assert len(errors) == 1 and BAD[argument] in errors[0], errors
     assert not {"torch", "lerobot", "mujoco", "robosuite"} & imported
+
+
+def test_a_text_of_digits_is_a_text(monkeypatch):
+    def given(name, schema, *arguments):
+        shown = []
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "argv", ["command", *arguments])
+            command.run_command(shown.append, schema, name)
+        return shown[0]
+
+    for digits in ("4787e758", "901787704900", "0017e500"):  # Read as a number: infinite, another text, none.
+        assert given("replay", ReplayConfig, f"row={digits}").row == digits
+    run = given("run", RunConfig, "output_dir=2026", "lambda=0.5", "wandb.group=7", "map.theta=0.2")
+    assert (run.output_dir, run.wandb.group, run.guidance_scale, run.map.theta) == ("2026", "7", 0.5, 0.2)
 
 
 def test_help_lists_every_setting_with_unit_and_default():

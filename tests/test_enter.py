@@ -48,6 +48,21 @@ def entry(tmp_path_factory):
     return write_entry(tmp_path_factory.mktemp("entry") / "mine", name="mine", scale=1.0, field="feasibility")
 
 
+def test_what_could_change_unseen_is_no_part_of_an_entry(tmp_path):
+    for name in (".g.py", "__pycache__/g.py", ".hidden/g.py"):
+        folder = write_entry(tmp_path / name.replace("/", "_").strip("."), guidance=f"{name}:Slower")
+        (folder / name).parent.mkdir(exist_ok=True)
+        shutil.copy(folder / "guidance.py", folder / name)
+        with pytest.raises(SettingError, match=f"{name} is hidden, or Python's own, and could change unseen. Rename"):
+            enter.main(settings(folder, tmp_path / "out"))
+
+
+def test_an_entry_does_not_hold_its_own_episodes(tmp_path):
+    folder = write_entry(tmp_path / "mine", name="mine", scale=1.0)
+    with pytest.raises(SettingError, match="the folder that its episodes go to"):
+        enter.main(settings(folder, tmp_path))
+
+
 @pytest.fixture(scope="module")
 def entered(entry, tmp_path_factory):
     output = tmp_path_factory.mktemp("entries")

@@ -4,28 +4,32 @@ import dataclasses
 import json
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import pandas as pd
 import pytest
 from omegaconf import OmegaConf
 
+from benchmark import ranking
 from benchmark.command import CONF, SettingError
-from benchmark.config import FIRST_TEST_SEED
+from benchmark.config import FIRST_TEST_SEED, RunConfig
 from benchmark.lambda_curves import curves
 from benchmark.leaderboard import LeaderboardConfig, main
 from benchmark.leaderboard_text import beside_the_paper
 from benchmark.oracle import summary
 from benchmark.oracle_scores import with_oracles
-from benchmark.ranking import PROTOCOLS, counted, leaderboard
+from benchmark.ranking import PROTOCOLS, counted, leaderboard, shipped
+from benchmark.results import read_episodes
 from benchmark.statistics import holm, paired_p_value
 from envs.arms import arm_setting
 
 PAPER, STRICT = PROTOCOLS
+OURS = {f"hash of seed{seed}" for seed in ("42-1", "42-2", "43-1", "44-1")}
 
 
 @pytest.fixture(scope="module")
 def boards(transfer_episodes):
-    return {protocol: leaderboard(counted(transfer_episodes, protocol), protocol) for protocol in PROTOCOLS}
+    return {protocol: leaderboard(counted(transfer_episodes, protocol, OURS), protocol) for protocol in PROTOCOLS}
 
 
 def mean(values):
@@ -131,19 +135,49 @@ def test_an_oracle_belongs_to_an_arm_only_if_it_stood_alike(transfer_episodes, b
     assert {x["p2"] for x in table.reference["ur5"]} == {0.9} and table.reference["ur3"].isna().all()
 
 
+def test_other_batches_and_other_peoples_policies_do_not_count(transfer_episodes):
+    """The main job's rows, and those of a policy of one's own, lie in the same folder."""
+    main_job = transfer_episodes.assign(batch_shape=10).query("setting == 'embodied'")
+    trained_here = transfer_episodes.query("entry_hash == ''").assign(checkpoint_hash="another")
+    for protocol in PROTOCOLS:
+        of_protocol = counted(transfer_episodes, protocol, OURS)
+        with_others = counted(pd.concat([transfer_episodes, main_job, trained_here]), protocol, OURS)
+        pd.testing.assert_frame_equal(with_others, of_protocol)
+
+
+def test_an_entry_that_lacks_some_of_our_policies_or_episodes_is_incomplete_and_comes_last(transfer_episodes):
+    direct = transfer_episodes.query("robot == 'ur3' and setting == 'embodied' and method == 'direct'").head(1)
+    rows = pd.concat([direct] * 1500).assign(p2=False, score=0.0, entry_hash="")
+    rows["episode_seed"] = [seed for seed in range(100_000, 100_500) for _ in range(3)]
+    rows["checkpoint"] = ["seed42-1", "seed43-1", "seed44-1"] * 500
+    rows["checkpoint_hash"] = "hash of " + rows.checkpoint
+    entry = rows.assign(method="mine", entry_hash="e", p2=True, score=1.0)
+    for lacking, complete in {
+        "nothing": entry,
+        "policies": entry[entry.checkpoint == "seed42-1"],
+        "episodes": entry.iloc[:-1],
+    }.items():
+        table = leaderboard(pd.concat([rows, complete]), STRICT)
+        assert table.complete.tolist() == ([True, True] if lacking == "nothing" else [True, False]), lacking
+        assert table.method.tolist() == (["mine", "direct"] if lacking == "nothing" else ["direct", "mine"]), lacking
+    own = entry[entry.checkpoint == "seed42-1"].assign(checkpoint_hash="its own", checkpoint="p")
+    assert leaderboard(pd.concat([rows, own]), STRICT).complete.all()  # One policy of its own is all it has.
+
+
 def test_an_entry_may_call_its_policies_what_it_likes(transfer_episodes):
     renamed = transfer_episodes.assign(checkpoint="seed42-2")
-    assert set(counted(renamed, STRICT).method) == {"pull-back"}
+    assert set(counted(renamed, STRICT, OURS).method) == {"pull-back"}
 
 
 def test_two_policies_of_one_name_are_not_mixed(transfer_episodes):
-    rows = counted(transfer_episodes, STRICT).copy()
+    rows = counted(transfer_episodes, STRICT, OURS).copy()
     rows.loc[rows.index[0], "checkpoint_hash"] = "another"
     with pytest.raises(SettingError, match="Two policies go by the name seed42-1 on ur3, embodied, direct 0"):
         leaderboard(rows, STRICT)
 
 
-def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(transfer_episodes, tmp_path):
+def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(transfer_episodes, tmp_path, monkeypatch):
+    monkeypatch.setattr(ranking, "shipped", lambda: OURS)
     config = dataclasses.replace(LeaderboardConfig(), output_dir=str(tmp_path))
     with pytest.raises(SettingError, match="There are no test episodes"):
         main(config)
@@ -171,7 +205,12 @@ def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(transf
 def test_what_is_run_by_a_protocol_is_what_counts(protocol):
     run = OmegaConf.load(CONF / "protocol" / f"{protocol.name}.yaml")
     assert run.episodes == protocol.episodes and run.seed_start == FIRST_TEST_SEED
-    assert run.setting in protocol.settings
+    assert run.setting in protocol.settings and run.get("slots", RunConfig().slots) == protocol.slots
+
+
+def test_nine_policies_ship_and_rows_of_them_are_stored():
+    rows = read_episodes(Path("results/transfer/ur3-original"), ["checkpoint_hash"])
+    assert shipped() == {*rows.checkpoint_hash} and len(shipped()) == 9
 
 
 def test_the_curves_pass_through_the_table(boards):
@@ -187,8 +226,8 @@ def test_the_curves_pass_through_the_table(boards):
 def test_the_best_base_is_held_against_the_common_one(transfer_episodes):
     rows = transfer_episodes.query("robot == 'ur5' and setting == 'embodied' and method == 'direct'")
     best = rows.assign(setting="best", base="0.1 0 0", p2=True)
-    table = leaderboard(counted(pd.concat([transfer_episodes, best]), STRICT), STRICT)
+    table = leaderboard(counted(pd.concat([transfer_episodes, best]), STRICT, OURS), STRICT)
     moved = table.query("setting == 'best'").iloc[0]
-    kept = counted(rows, STRICT)
+    kept = counted(rows, STRICT, OURS)
     assert moved.p2_base_difference == pytest.approx(1 - kept.p2.mean())
     assert 0 < moved.p2_base_p < 1 and table.p2_base_p.notna().sum() == 1

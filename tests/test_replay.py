@@ -44,6 +44,14 @@ def test_a_random_row_replays_alone_to_the_last_bit(stored, capsys):
     assert {*same} == COLUMNS - {"commit", "row_hash"}
 
 
+def test_of_several_rows_those_whose_pieces_are_not_here_are_named_and_the_others_replayed(stored, tmp_path, capsys):
+    changed(stored, tmp_path, number=0, checkpoint_hash="beef")
+    replay.main(ReplayConfig(table=str(tmp_path), random=2))
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "not replayed: xarm6" in shown and "no policy with the weights beef" in shown and "bit-equal: " in shown
+    assert "1 of 2 rows were not replayed" in shown and "differs" not in shown
+
+
 def test_what_did_not_happen_is_found_though_it_is_signed(stored, tmp_path, capsys):
     """Also in what the row claims to have been run with."""
     length = int(read_episodes(stored).length[1])

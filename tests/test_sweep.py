@@ -7,6 +7,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections import namedtuple
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,7 +28,7 @@ from benchmark.command import SettingError
 from benchmark.config import EnergyConfig, MapConfig, RobotConfig, RunConfig
 from benchmark.results import read_episodes
 from benchmark.run import checkpoint_folder, make_rollout, with_scale
-from benchmark.sweep import guides_source
+from benchmark.sweep import RELAUNCHES, guides_source, launch, typed_jobs
 from policies.methods import METHODS
 from richmap.robots import load_robot
 
@@ -35,8 +37,8 @@ SEEDS = (42, 43, 44)
 COARSE = {"cell_size": 0.2, "theta": 0.3, "draw": 200, "turns": 16, "stop_rate": 0.2}
 
 
-def jobs(*arguments):
-    """Settings of the jobs that a command line makes."""
+def compositions(*arguments):
+    """Overrides and settings of the jobs that a command line makes."""
     ConfigStore.instance().store("run_schema", command.named_as_typed(OmegaConf.structured(RunConfig)))
     with initialize_config_dir(str(command.CONF), version_base="1.3"):
         hydra = GlobalHydra.instance().hydra
@@ -47,7 +49,12 @@ def jobs(*arguments):
         for overrides, settings in composed[:: len(composed) // 3 + 1]:  # As Hydra composes them whole.
             whole = hydra.config_loader.load_sweep_config(config, overrides)
             assert settings == OmegaConf.masked_copy(whole, [*settings])
-        typed = [command.typed(settings, RunConfig) for _, settings in composed]
+        return composed
+
+
+def jobs(*arguments):
+    """Settings of the jobs that a command line makes and a sweep takes."""
+    typed = [command.typed(settings, RunConfig) for _, settings in compositions(*arguments)]
     return [job for job in typed if not guides_source(job)]
 
 
@@ -80,6 +87,33 @@ def test_the_command_line_narrows_an_experiment():
     assert (one.setting, one.output_dir) == ("embodied", "results/transfer/ur3-embodied")
     two = jobs("experiment=methods", "robot=ur5", "setting=best", "seed=44", "method=direct,projection")
     assert [job.method for job in two] == ["direct", "projection"]
+
+
+def test_a_combination_that_cannot_be_stops_no_other():
+    failed = {}
+    configs = typed_jobs(compositions("robot=ur3", "method=direct,paper", "lambda=0,0.5"), failed)
+    assert sorted((job.method, job.guidance_scale) for job in configs.values()) == [
+        ("direct", 0), ("paper", 0), ("paper", 0.5),
+    ]  # fmt: skip
+    assert failed == {"robot=ur3 method=direct lambda=0.5": "lambda=0.5 is not allowed. Allowed: 0 with method=direct."}
+    with pytest.raises(SettingError, match="0 with method=direct"):
+        typed_jobs(compositions("robot=ur3", "method=direct", "lambda=0.5,1"), {})
+
+
+def test_a_job_that_kills_its_worker_is_not_always_the_first(monkeypatch):
+    OneJob = namedtuple("OneJob", "overrides")
+    launched, left = [], {"a", "b", "c"}
+
+    class Launcher:
+        def launch(self, overrides, initial_job_idx):
+            launched.append("".join(overrides))
+            if len(launched) == 3:
+                left.remove("b")  # One is stored; after that none.
+            raise BrokenProcessPool("a worker was killed")
+
+    monkeypatch.setattr("benchmark.sweep.unfinished", lambda jobs: {job: 1 for job in jobs if job.overrides in left})
+    launch({OneJob(name): 1 for name in "abc"}, Launcher(), Console(quiet=True))
+    assert launched[:4] == ["abc", "bca", "cab", "ac"] and len(launched) == 3 + RELAUNCHES + 1
 
 
 def scales(folder, condition):

@@ -67,6 +67,8 @@ def signed(folder, **values):
         ({"p1": False}, "p2 without p1"),
         ({"score": 0.49, "p2": False, "failure_cause": "dithering"}, "success_at_end without p2"),
         ({"failure_cause": "banana"}, "failure_cause is none of"),
+        ({"method": "magic"}, "method is none of ours, and it has no entry_hash"),
+        ({"length": 351, "path_x": (1,) * 351, "path_y": (1,) * 351}, "longer than 350 steps"),
         ({"failure_cause": "dithering"}, "p2 and a failure_cause"),
         ({"first_block": None}, "first_block"),
         ({"lambda": float("nan")}, "lambda is no number"),
