@@ -15,6 +15,9 @@ from filelock import FileLock
 
 from richmap.files import FileRefusedError
 
+PACKAGES = ("pin", "coal", "numpy", "scipy", "numba", "torch", "pytorch-kinematics")
+"""Whose versions decide what is in the cache; pinned exactly."""
+
 
 def package_versions(*names: str) -> str:
     """Versions of the packages that a result depends on, as one text."""
@@ -24,7 +27,7 @@ def package_versions(*names: str) -> str:
 def fingerprint(inputs: dict[str, Any], code: list[ModuleType]) -> str:
     """SHA-256 over inputs, which JSON can hold, and over the modules and packages that work on them."""
     digest = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode())
-    digest.update(package_versions("pin", "coal", "numpy", "scipy", "numba", "torch", "pytorch-kinematics").encode())
+    digest.update(package_versions(*PACKAGES).encode())
     for module in code:
         digest.update(inspect.getsource(module).encode())
     return digest.hexdigest()

@@ -10,6 +10,9 @@ from benchmark.cache import package_versions
 
 ROOT = Path(__file__).parents[1]
 
+PACKAGES = ("mujoco", "robosuite", "numpy", "torch", "lerobot", "diffusers")
+"""Whose versions decide an episode; pinned exactly."""
+
 ALIKE = {"a610a48e1f80": "ce7997918d00"}
 """Versions by an older one whose episodes they give, so that they go by its name: after a change that was meant to
 change no episode, all rows drawn at random replayed to the last bit (`python -m benchmark.replay table=results/transfer
@@ -23,7 +26,7 @@ def code_version() -> str:
     That is a rollout's own code, the environments, the policies, and of `richmap` what these import: not how maps are
     built, which the fingerprint of a row's field stands for, nor how they are asked and verified. See `ALIKE`.
     """
-    digest = hashlib.sha256(package_versions("mujoco", "robosuite", "numpy", "torch", "lerobot", "diffusers").encode())
+    digest = hashlib.sha256(package_versions(*PACKAGES).encode())
     for file in deciding_files():
         digest.update(file.relative_to(ROOT).as_posix().encode() + file.read_bytes())
     version = digest.hexdigest()[:12]

@@ -120,9 +120,11 @@ def with_source(direct: "pd.DataFrame", robot: str, setting: str) -> "pd.DataFra
 
     if direct.empty:
         return pd.DataFrame()
-    same = ["checkpoint_hash", "episode_seed", "sampler", "sampling_steps", "code_version"]
-    source = direct[direct.robot == SOURCE].drop_duplicates(same)  # It has one setting in three names.
+    same = ["checkpoint_hash", "episode_seed", "sampler", "sampling_steps", "batch_shape", "code_version"]
     arm = direct[(direct.robot == robot) & (direct.setting == setting)]
+    source = direct[direct.robot == SOURCE]
+    nearest = source.assign(other=source.setting != setting).sort_values("other", kind="stable")
+    source = nearest.drop_duplicates(same)  # It has one base and wrist in all settings; `best` has no rows of its own.
     return arm.merge(source[[*same, "path_x", "path_y"]], on=same, suffixes=("", "_source"))
 
 
@@ -251,9 +253,12 @@ def _spearman(x: np.ndarray, y: np.ndarray) -> float:
 
 
 def _interval(statistic: "Callable[[np.ndarray], float]", n: int, seed: int) -> dict[str, float]:
-    """The statistic of all scenes, and its basic bootstrap interval: ties among resampled scenes bias what they give,
-    which percentiles would take over."""
-    from scipy.stats import bootstrap
+    """The statistic of all scenes, and its normal bootstrap interval on Fisher's scale.
+
+    Ties among resampled scenes bias what they give, which percentiles would take over, and a correlation ends at 1. A
+    difference of two correlations may exceed that, but is small here, where the scale is nearly straight.
+    """
+    from scipy.stats import bootstrap, norm
 
     from benchmark.statistics import LEVEL
 
@@ -264,7 +269,10 @@ def _interval(statistic: "Callable[[np.ndarray], float]", n: int, seed: int) -> 
         (np.arange(n),), statistic, n_resamples=RESAMPLES, vectorized=False,
         method="basic", rng=seed,
     ).bootstrap_distribution  # fmt: skip
-    low, high = 2 * value - np.nanquantile(resampled, [(1 + LEVEL) / 2, (1 - LEVEL) / 2])
+    within = 1 - 1e-9
+    spread = np.nanstd(np.arctanh(np.clip(resampled, -within, within)))
+    half = norm.ppf((1 + LEVEL) / 2) * spread
+    low, high = np.tanh(np.arctanh(np.clip(value, -within, within)) + [-half, half])
     return {"r": value, "low": float(low), "high": float(high)}
 
 
@@ -276,9 +284,10 @@ TEXT = """# Does similarity predict transfer?
 
 Direct transfer (λ = 0) on test seeds: Spearman's correlation of what a path meets with success (p2), scene by scene
 (means over the policies), and over the {cell:g} m cells of the table (success of the scenes whose path on the xArm6
-passes a cell, for cells that {least} scenes pass, against the value at its centre). Brackets: 95 % bootstrap intervals
-over scenes, seed {seed}. If similarity predicts transfer, energy and MMD go with failure: r is well below 0. A dash:
-all scenes are alike. Made by `python -m benchmark.prediction` from the stored episodes.
+passes a cell, for cells that {least} scenes pass, against the value at its centre). Brackets: 95 % intervals for other
+scenes and the same policies (bootstrap on Fisher's scale, seed {seed}). If similarity predicts transfer, energy and MMD
+go with failure: r is well below 0. A dash: all scenes are alike. Made by `python -m benchmark.prediction` from the
+stored episodes.
 
 Predictors: {predictors}. `infeasible minus energy` is the difference of their r: below 0, the arm alone predicts
 better.

@@ -1,8 +1,13 @@
+import importlib.metadata
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
-from benchmark.code_version import ROOT, code_version, deciding_files
+from packaging.requirements import Requirement
+
+from benchmark import cache
+from benchmark.code_version import PACKAGES, ROOT, code_version, deciding_files
 
 LOADED = """
 import sys
@@ -38,3 +43,11 @@ def test_the_version_is_of_content_and_includes_collision_geometry_but_no_verifi
     assert any(name.endswith(".safetensors") for name in names)
     assert not names & {"richmap/fraction_map.py", "richmap/rm4d.py", "richmap/construction.py", "benchmark/speed.py"}
     assert len(code_version()) == 12
+
+
+def test_a_fresh_set_up_gets_the_versions_that_stored_rows_carry():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    pinned = {each.name: each.specifier for each in map(Requirement, project["dependencies"])}
+    for name in {*PACKAGES, *cache.PACKAGES}:
+        (specifier,) = pinned[name]
+        assert specifier.operator == "==" and specifier.version == importlib.metadata.version(name)

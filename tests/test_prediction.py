@@ -32,7 +32,7 @@ def episodes(succeeds):
                 p2 = robot == SOURCE or succeeds(x, rng)
                 path = {"path_x": [round(1000 * x)] * 40, "path_y": list(range(-390, 10, 10))}
                 row = {"robot": robot, "setting": "embodied", "checkpoint": policy, "checkpoint_hash": policy}
-                same = {"sampler": "DDIM", "sampling_steps": 10, "code_version": "v"}
+                same = {"sampler": "DDIM", "sampling_steps": 10, "batch_shape": 10, "code_version": "v"}
                 rows.append(row | path | same | {"episode_seed": seed, "p2": p2})
     return pd.DataFrame(rows)
 
@@ -51,6 +51,24 @@ def test_success_that_ends_at_a_distance_goes_against_energy_and_infeasibility()
     assert (energy.r < -0.6).all() and (energy.high < -0.5).all()
     assert set(energy.over) == {"scenes", "cells"}
     assert (table[table.predictor == "infeasible"].high < 0).all()
+
+
+def test_the_source_s_path_is_that_of_the_same_setting_and_batch_where_there_is_one():
+    table = episodes(lambda x, rng: True)
+    other = table[table.robot == SOURCE].assign(path_x=[[0] * 40] * 240)
+    both = pd.concat([other.assign(setting="original"), other.assign(batch_shape=50), table])
+    pairs = with_source(both, "ur3", "embodied")
+    assert len(pairs) == 240 and all(path[0] > 0 for path in pairs.path_x_source)
+    assert len(with_source(both.query("robot != @SOURCE or setting == 'original'"), "ur3", "embodied")) == 240
+
+
+@pytest.mark.parametrize("chance", [0.0, 0.05, 0.5])
+def test_an_interval_holds_its_estimate_and_no_more_than_correlations_can_be(chance):
+    table, _ = rows_of(lambda x, rng: x < 0.45 or rng.random() < chance)
+    known = table[table.r.notna()]
+    assert len(known) and ((known.low <= known.r) & (known.r <= known.high)).all()
+    correlation = ~known.predictor.str.contains("minus")
+    assert known[correlation][["low", "high"]].abs().max(axis=None) <= 1
 
 
 def test_success_by_chance_says_nothing():
