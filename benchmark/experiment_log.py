@@ -6,7 +6,7 @@ description: from its settings `benchmark.build_maps` builds the same file again
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
@@ -144,22 +144,25 @@ def log_evaluation(config: RunConfig, rollout: "Rollout", episodes: "pd.DataFram
             _log_video(run, rollout, int(episodes.episode_seed.min()))
 
 
-def log_curves(config: WandbConfig, episodes: "pd.DataFrame", group: str) -> None:
+def log_curves(config: WandbConfig, tables: "Iterable[pd.DataFrame]", group: str) -> None:
     """Scores over lambda, of all policies together, as one W&B run for each arm, setting and method.
 
     Intervals hold for other trainings and other episodes, as on the leaderboard.
 
     Args:
         config: Whether and where to log.
-        episodes: Rows of the episodes table, of any conditions.
+        tables: Rows of the episodes table, of any conditions.
         group: What the runs belong to, if the settings do not say.
     """
-    if episodes.empty:
+    if config.mode == "disabled" or not (stored := [table for table in tables if len(table)]):
         return
+    import pandas as pd
+
     from benchmark.ranking import ARM, SAMPLING, Protocol, leaderboard
     from benchmark.scores import SCORES
 
     alike = [*ARM, *SAMPLING, "code_version"]
+    episodes = pd.concat(stored, ignore_index=True)
     by_hash = episodes.assign(checkpoint=episodes.checkpoint_hash)  # Two policies may go by one name.
     seeds, policies = episodes.episode_seed.nunique(), by_hash.checkpoint.nunique()
     slots = episodes.batch_shape.iloc[0]  # Those of other batches are other curves.

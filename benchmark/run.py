@@ -40,7 +40,7 @@ def main(config: RunConfig) -> None:
     checkpoint = chosen_checkpoint(config)
     from rich.console import Console
 
-    from benchmark.experiment_log import log_evaluation, log_field
+    from benchmark.experiment_log import log_curves, log_evaluation, log_field
     from benchmark.report import print_report
 
     console = Console()
@@ -50,6 +50,7 @@ def main(config: RunConfig) -> None:
         log_field(config, rollout, config.output_dir)
         tables.append(run_and_store(rollout, config, console))
         log_evaluation(config, rollout, tables[-1], config.output_dir)
+    log_curves(config.wandb, tables, config.output_dir)
     print_report(tables, Path(config.output_dir), console)
 
 

@@ -113,12 +113,10 @@ def run_sweep(composed: list[tuple[list[str], DictConfig]], launcher: Launcher, 
             log_field(job.config, job.rollout, folder.name)
         with progress(missing, folder, console):
             launch(missing, launcher, console)
-    wandb = next(iter(configs.values())).wandb
-    if jobs and wandb.mode != "disabled":
-        log_curves(wandb, rows_of(jobs.values()), folder.name)
-    for job in unfinished(missing):
-        file = failure_file(folder, job.name)
-        failed[job.name] = file.read_text().splitlines()[1] if file.exists() else "It did not get to its end."
+    log_curves(next(iter(configs.values())).wandb, rows_of(jobs.values()), folder.name)
+    ended = {job.name: failure_file(folder, job.name) for job in missing}
+    failed |= {name: file.read_text().splitlines()[1] for name, file in ended.items() if file.exists()}
+    failed = {job.name: "It did not get to its end." for job in unfinished(missing)} | failed
     if failed:
         say_failed(failed, console)
         console.print(f"Whole reasons: {folder / 'failed'}. The same command goes on where it was.", soft_wrap=True)
@@ -199,13 +197,12 @@ def unfinished(jobs: Iterable[Job]) -> dict[Job, int]:
     return {job: missing[job] for job in order if missing[job]}
 
 
-def rows_of(jobs: Iterable[Job]) -> pd.DataFrame:
-    """The stored episodes of jobs."""
+def rows_of(jobs: Iterable[Job]) -> Iterator[pd.DataFrame]:
+    """The stored episodes of each job."""
     tables = {output_dir: read_episodes(output_dir) for output_dir in {job.output_dir for job in jobs}}
-    found = [episodes_of(tables[job.output_dir], job.rollout.condition) for job in jobs]
-    return pd.concat(
-        [rows[rows.episode_seed.isin(job.seeds)] for rows, job in zip(found, jobs, strict=True)], ignore_index=True
-    )
+    for job in jobs:
+        rows = episodes_of(tables[job.output_dir], job.rollout.condition)
+        yield rows[rows.episode_seed.isin(job.seeds)]
 
 
 def run_job(config: DictConfig) -> None:

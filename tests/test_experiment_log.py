@@ -106,7 +106,7 @@ def test_artifacts_lead_from_maps_to_evaluation_and_from_a_training(
 
 def test_a_curve_has_a_point_for_each_lambda_over_all_policies(transfer_episodes, tmp_path, offline_runs):
     rows = transfer_episodes[(transfer_episodes.robot == "ur3") & (transfer_episodes.setting == "original")]
-    log_curves(WandbConfig("offline", folder=str(tmp_path), group="transfer"), rows, "a sweep")
+    log_curves(WandbConfig("offline", folder=str(tmp_path), group="transfer"), [rows[:7], rows[7:]], "a sweep")
     (run,) = offline_runs(tmp_path)
     assert (run.name, run.kind, run.group) == ("ur3-original-paper", "curve", "transfer")
     assert [point["lambda"] for point in run.history] == [0, 0.5, 1]
