@@ -139,10 +139,11 @@ def main(config: ScalesConfig) -> None:
         "fields": draw_fields(guidances, base, demonstrated_path(10, console)),
     }
     for name, figure in figures.items():
-        file = output_dir / "figures" / f"{config.robot.name}_{config.setting}_{name}.png"
-        with replacing(file) as path:
-            figure.savefig(path, dpi=100)
-        console.print(f"Figure: {file}", soft_wrap=True)
+        for ending in ("svg", "png"):
+            file = output_dir / "figures" / f"{config.robot.name}_{config.setting}_{name}.{ending}"
+            with replacing(file) as path:
+                figure.savefig(path, dpi=100)
+            console.print(f"Figure: {file}", soft_wrap=True)
     console.print(shown(arm[arm.chosen]).to_markdown(index=False), soft_wrap=True, markup=False)
     console.print(f"Table: {output_dir / 'scales.md'}", soft_wrap=True)
 
