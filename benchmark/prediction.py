@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 
@@ -258,17 +259,18 @@ def _interval(statistic: "Callable[[np.ndarray], float]", n: int, seed: int) -> 
     Ties among resampled scenes bias what they give, which percentiles would take over, and a correlation ends at 1. A
     difference of two correlations may exceed that, but is small here, where the scale is nearly straight.
     """
-    from scipy.stats import bootstrap, norm
+    from scipy.stats import DegenerateDataWarning, bootstrap, norm
 
     from benchmark.statistics import LEVEL
 
     value = statistic(np.arange(n))
     if np.isnan(value):
         return {"r": np.nan, "low": np.nan, "high": np.nan}
-    resampled = bootstrap(
-        (np.arange(n),), statistic, n_resamples=RESAMPLES, vectorized=False,
-        method="basic", rng=seed,
-    ).bootstrap_distribution  # fmt: skip
+    with catch_warnings():
+        simplefilter("ignore", DegenerateDataWarning)  # Of resamples in which all succeed or fail; they do not count.
+        resampled = bootstrap(
+            (np.arange(n),), statistic, n_resamples=RESAMPLES, vectorized=False, method="basic", rng=seed
+        ).bootstrap_distribution
     within = 1 - 1e-9
     spread = np.nanstd(np.arctanh(np.clip(resampled, -within, within)))
     half = norm.ppf((1 + LEVEL) / 2) * spread
