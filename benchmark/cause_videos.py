@@ -37,6 +37,7 @@ def main(config: CauseVideosConfig) -> None:
     from rich.console import Console
 
     from benchmark.code_version import code_version
+    from benchmark.ranking import shipped
     from benchmark.record import record
     from benchmark.replay import ReplayConfig, row_rollout
     from benchmark.results import row_name
@@ -48,7 +49,7 @@ def main(config: CauseVideosConfig) -> None:
     failed = pd.concat([table[table.failure_cause.notna()] for table in tables], ignore_index=True) if tables else []
     if not len(failed):
         raise SettingError(f"{config.episodes} holds no failed episodes. Make some: python -m benchmark.run robot=ur3")
-    chosen = examples(failed, code_version())
+    chosen = examples(failed, code_version(), shipped())
     for row in chosen.to_dict("records"):
         rollout = row_rollout(row, ReplayConfig(workers=config.workers), console)
         file = output_dir / "figures" / "causes" / f"{row['failure_cause']}.webp"
@@ -65,12 +66,12 @@ def main(config: CauseVideosConfig) -> None:
     console.print(f"Table: {output_dir / 'causes.md'}", soft_wrap=True)
 
 
-def examples(failed: "pd.DataFrame", code: str) -> "pd.DataFrame":
-    """One row for each cause that there is, of this version of the code and of our own methods.
+def examples(failed: "pd.DataFrame", code: str, policies: set[str]) -> "pd.DataFrame":
+    """One row for each cause that there is, of this version of the code, of our own methods and of these policies.
 
     Direct transfer comes before guidance, the UR3 before the other targets and these before the source; then seeds.
     """
-    ours = failed[(failed.code_version == code) & (failed.entry_hash == "")]
+    ours = failed[(failed.code_version == code) & (failed.entry_hash == "") & failed.checkpoint_hash.isin(policies)]
     order = ours.assign(guided=ours["lambda"] > 0, arm=ours.robot.map([*TASK_ARMS[1:], TASK_ARMS[0]].index))
     order = order.sort_values(["guided", "arm", "episode_seed", "row_hash"])
     return ours.loc[order.groupby("failure_cause", sort=False).head(1).index]

@@ -70,10 +70,11 @@ def test_direct_transfer_on_target_arms_comes_first_and_other_code_never():
             row(3, "time_out", **guided),
             row(0, "time_out", code_version="v0"),
             row(0, "time_out", entry_hash="abc"),
+            row(0, "time_out", checkpoint_hash="of a policy that is not here"),
             row(0, "block_tipped", code_version="v0"),
         ]
     )
-    chosen = examples(failed, "v1")
+    chosen = examples(failed, "v1", {"abc"})
     assert {(each.failure_cause, each.episode_seed) for each in chosen.itertuples()} == {
         ("dithering", 9),
         ("time_out", 3),
