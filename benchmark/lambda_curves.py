@@ -29,7 +29,8 @@ class LambdaCurvesConfig:
 
 def main(config: LambdaCurvesConfig) -> None:
     """Draw what is stored."""
-    from benchmark.ranking import PROTOCOLS, counted, leaderboard, shipped
+    from benchmark.ranking import PROTOCOLS, counted, leaderboard
+    from benchmark.run import shipped
     from benchmark.trusted_rows import read_all_episodes
 
     (paper,) = [protocol for protocol in PROTOCOLS if protocol.name == "paper"]

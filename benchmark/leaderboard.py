@@ -25,7 +25,8 @@ def main(config: LeaderboardConfig) -> None:
     from benchmark.leaderboard_page import page
     from benchmark.leaderboard_text import markdown
     from benchmark.oracle_scores import with_oracles
-    from benchmark.ranking import PROTOCOLS, counted, leaderboard, shipped
+    from benchmark.ranking import PROTOCOLS, counted, leaderboard
+    from benchmark.run import shipped
     from benchmark.trusted_rows import read_all_episodes
 
     folder = Path(config.output_dir)

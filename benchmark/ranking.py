@@ -5,10 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.checkpoint import Checkpoint
 from benchmark.command import SettingError
 from benchmark.config import FIRST_TEST_SEED, TASK_ARMS
-from benchmark.run import CHECKPOINTS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,11 +46,6 @@ policy."""
 MECHANISM = ("far_target_first", "share_near_base", "share_rectangle_a", "share_rectangle_b", "share_outer_reach")
 """What guidance is said to change: whether the first block goes to the farther target, and where the flange spends its
 steps."""
-
-
-def shipped() -> set[str]:
-    """Hashes of the weights of the policies that ship with the project."""
-    return {Checkpoint(file.parent).weights_hash for file in CHECKPOINTS[0].glob("*/model.safetensors")}
 
 
 def counted(episodes: "pd.DataFrame", protocol: Protocol, ours: set[str]) -> "pd.DataFrame":

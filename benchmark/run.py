@@ -103,6 +103,11 @@ def checkpoint_folder(seed: int, rank: int = 1) -> Path:
     )
 
 
+def shipped() -> set[str]:
+    """Hashes of the weights of the policies that ship with the project."""
+    return {Checkpoint(file.parent).weights_hash for file in CHECKPOINTS[0].glob("*/model.safetensors")}
+
+
 def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Console") -> "Rollout":
     """What is rolled out at one lambda; builds the field if one is needed and not in the cache."""
     from benchmark.arm import chosen_arm

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from omegaconf import OmegaConf
 
-from benchmark import ranking
+from benchmark import run
 from benchmark.command import CONF, SettingError
 from benchmark.config import FIRST_TEST_SEED, RunConfig
 from benchmark.lambda_curves import curves
@@ -18,8 +18,9 @@ from benchmark.leaderboard import LeaderboardConfig, main
 from benchmark.leaderboard_text import beside_the_paper
 from benchmark.oracle import summary
 from benchmark.oracle_scores import with_oracles
-from benchmark.ranking import PROTOCOLS, counted, leaderboard, shipped
+from benchmark.ranking import PROTOCOLS, counted, leaderboard
 from benchmark.results import read_episodes
+from benchmark.run import shipped
 from benchmark.statistics import holm, paired_p_value
 from envs.arms import arm_setting
 
@@ -177,7 +178,7 @@ def test_two_policies_of_one_name_are_not_mixed(transfer_episodes):
 
 
 def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(transfer_episodes, tmp_path, monkeypatch):
-    monkeypatch.setattr(ranking, "shipped", lambda: OURS)
+    monkeypatch.setattr(run, "shipped", lambda: OURS)
     config = dataclasses.replace(LeaderboardConfig(), output_dir=str(tmp_path))
     with pytest.raises(SettingError, match="There are no test episodes"):
         main(config)
@@ -203,9 +204,9 @@ def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(transf
 
 @pytest.mark.parametrize("protocol", PROTOCOLS, ids=lambda protocol: protocol.name)
 def test_what_is_run_by_a_protocol_is_what_counts(protocol):
-    run = OmegaConf.load(CONF / "protocol" / f"{protocol.name}.yaml")
-    assert run.episodes == protocol.episodes and run.seed_start == FIRST_TEST_SEED
-    assert run.setting in protocol.settings and run.get("slots", RunConfig().slots) == protocol.slots
+    given = OmegaConf.load(CONF / "protocol" / f"{protocol.name}.yaml")
+    assert given.episodes == protocol.episodes and given.seed_start == FIRST_TEST_SEED
+    assert given.setting in protocol.settings and given.get("slots", RunConfig().slots) == protocol.slots
 
 
 def test_nine_policies_ship_and_rows_of_them_are_stored():
