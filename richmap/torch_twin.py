@@ -163,7 +163,7 @@ class TorchInserter:
         self, cell: Int[np.ndarray, " n"], direction: Float[np.ndarray, "n 3"], joints: Float[np.ndarray, "n dof"]
     ) -> None:
         """Take over what another inserter has `stored` in cells that hold nothing yet; nothing is compared."""
-        cell, direction, joints = (torch.as_tensor(rows, device=self.device) for rows in (cell, direction, joints))
+        cell, direction, joints = (torch.tensor(rows, device=self.device) for rows in (cell, direction, joints))
         order = torch.argsort(cell, stable=True)
         self._stored.store(self._stored.open(cell[order]), direction[order].float(), torch.zeros_like(order).int())
         self._cells.append(cell.long())

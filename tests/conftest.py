@@ -7,6 +7,14 @@ import numpy as np
 import pytest
 
 
+@pytest.fixture(scope="session", autouse=True)
+def every_torch_warning():
+    """Torch warns once a process by default: whether a test met the warning would depend on what ran before it."""
+    import torch
+
+    torch.set_warn_always(True)
+
+
 @pytest.fixture(scope="session")
 def sampled_map():
     """Makes the map of plain random configurations: not theta-separated, and full of gaps, but there in a blink."""
