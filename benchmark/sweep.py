@@ -116,7 +116,10 @@ def run_sweep(composed: list[tuple[list[str], DictConfig]], launcher: Launcher, 
     log_curves(next(iter(configs.values())).wandb, rows_of(jobs.values()), folder.name)
     ended = {job.name: failure_file(folder, job.name) for job in missing}
     failed |= {name: file.read_text().splitlines()[1] for name, file in ended.items() if file.exists()}
-    failed = {job.name: "It did not get to its end." for job in unfinished(missing)} | failed
+    failed = {
+        job.name: "Not stored whole: it was stopped before its end, or still runs on a cluster."
+        for job in unfinished(missing)
+    } | failed
     if failed:
         say_failed(failed, console)
         console.print(f"Whole reasons: {folder / 'failed'}. The same command goes on where it was.", soft_wrap=True)
