@@ -3,6 +3,7 @@
 python -m benchmark.arms
 """
 
+import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmark.command import check_setting, run_command
-from benchmark.config import ORACLES, SETTINGS, check_folder, check_seeds, check_targets
+from benchmark.config import FIRST_TEST_SEED, ORACLES, SETTINGS, check_folder, check_seeds, check_targets
 from benchmark.oracle import play_episode
 from benchmark.outputs import replacing
 
@@ -30,13 +31,15 @@ BASE_X = np.round(np.arange(-0.04, 0.141, 0.02), 2)
 WEIGHTS = (0.1, 10.0)
 """Factors of the orientation's weight."""
 CHUNK = 25
-"""Episodes that are played and stored together."""
+"""Episodes that a process plays at a time."""
+STORE_EVERY = 60.0
+"""How often what was played is stored, in [s]."""
 RING_MODEL = {
     "ur3": {0.0: 70, 0.04: 93, 0.08: 97, 0.11: 88, 0.14: 68},
     "ur10": {0.0: 98, 0.04: 78, 0.08: 55, 0.11: 35, 0.14: 17},
 }
 """p2 in percent by base x in [m], 60 episodes each, of the original environment's oracle whose tool is moved to the
-nearest point of a ring about the base: .155 to .554 m for the UR3, .22 to 1.3 m for the UR10 with its wrist out."""
+nearest point of a ring about the base: .155 to .554 m for the UR3, .22 to 1.3 m for the UR10, both wrists out."""
 FEASIBLE_COLOURS = {
     "FEASIBLE": "white",
     "OUT_OF_REACH": "0.55",
@@ -52,12 +55,12 @@ class ArmsConfig:
 
     robots: list[str] = field(default_factory=lambda: ["ur3", "ur5", "ur10"])
     """Arms, as in robots=[ur3,ur5]."""
-    changed: list[str] = field(default_factory=lambda: ["embodied"])
-    """Settings of which single choices are changed, as in changed=[embodied,original]."""
+    changed: list[str] = field(default_factory=lambda: ["original", "embodied"])
+    """Settings of which single choices are changed, as in changed=[embodied]."""
     episodes: int = 500
     """Number of episodes of each condition; a whole number >= 1."""
-    seed_start: int = 50_000
-    """Seed of the first episode."""
+    seed_start: int = FIRST_TEST_SEED
+    """Seed of the first episode: by default the policies' test scenes, to pair with; nothing is chosen by it."""
     demonstrations: int = 30
     """Demonstrations drawn over the table; a whole number from 1 to 1000."""
     spacing: float = 0.01
@@ -187,12 +190,15 @@ def play_missing(conditions: list[OracleCondition], config: ArmsConfig, console:
         progress_bar(console) as progress,
     ):
         task = progress.add_task("Oracles", total=total, completed=total - sum(len(seeds) for _, seeds in chunks))
-        for (condition, _), outcomes in zip(chunks, pool.map(play_chunk, chunks), strict=True):
+        new, last = [], time.monotonic()
+        for (condition, seeds), outcomes in zip(chunks, pool.map(play_chunk, chunks), strict=True):
+            new.append(outcomes.assign(**condition.columns, code_version=code))
+            if time.monotonic() - last > STORE_EVERY or seeds is chunks[-1][1]:
+                stored, new, last = pd.concat([stored, *new], ignore_index=True), [], time.monotonic()
+                store(file, stored)
             progress.update(
                 task, description=f"{condition.oracle} oracle on {condition.arm.robot}, {condition.arm.name}"
             )
-            stored = pd.concat([stored, outcomes.assign(**condition.columns, code_version=code)], ignore_index=True)
-            store(file, stored)
             progress.advance(task, len(outcomes))
     wanted = pd.DataFrame([condition.columns for condition in conditions]).drop_duplicates()
     return stored[stored.episode_seed.isin(seeds)].merge(wanted)
@@ -241,7 +247,7 @@ def feasibility_table(robot: str, setting: str, spacing: float) -> "TableFeasibi
 TEXT = """# What the arms allow
 
 Made by `python -m benchmark.arms`: the scripted oracles on each target arm, {episodes} episodes each from seed
-{seed_start} (validation), percent with 95 % Wilson intervals. *plain*: the original's oracle, which knows nothing of
+{seed_start}, percent with 95 % Wilson intervals. *plain*: the original's oracle, which knows nothing of
 the arm. *aware*: chooses plan, side and contact of every push by where the arm can be (`envs.aware_oracle`); its score
 is the arm's **ceiling**. A change is one choice other than the setting's; all else stays. Rows:
 `arms/oracle_episodes.parquet`, code version `{code}`.
@@ -300,37 +306,34 @@ def table_row(episodes: "pd.DataFrame", condition: OracleCondition) -> dict[str,
 
 
 def draw_base_x(episodes: "pd.DataFrame", conditions: list[OracleCondition]) -> "Figure":
-    """p2 of the plain oracle over the base's x, with its interval, and the ring model."""
+    """p2 of the plain oracle over the base's x, with its interval, setting by setting; and the ring model."""
     from matplotlib.figure import Figure
 
     from benchmark.statistics import rate_interval
 
-    figure = Figure(figsize=(6.5, 4.2), layout="constrained")
-    ax = figure.subplots()
-    robots = list(dict.fromkeys(condition.arm.robot for condition in conditions))
-    for colour, robot in enumerate(robots):
-        points = []
-        for condition in conditions:
-            arm = condition.arm
-            along = arm.robot == robot and arm.name == "embodied" and condition.oracle == "plain"
-            if along and (condition.change.startswith("base") or not condition.change):
+    moved = [c for c in conditions if c.oracle == "plain" and c.change.startswith("base")]
+    settings = list(dict.fromkeys(condition.arm.name for condition in moved))
+    robots = list(dict.fromkeys(condition.arm.robot for condition in moved))
+    figure = Figure(figsize=(5.2 * len(settings), 4.2), layout="constrained")
+    for ax, setting in zip(figure.subplots(1, len(settings), squeeze=False, sharey=True)[0], settings, strict=True):
+        for colour, robot in enumerate(robots):
+            points = []
+            usual = [c for c in conditions if not c.change and c.oracle == "plain"]
+            for condition in (c for c in [*usual, *moved] if (c.arm.robot, c.arm.name) == (robot, setting)):
                 values = rows_of(episodes, condition).p2.to_numpy(dtype=float)
+                wrist = condition.arm.wrist
                 if len(values):
-                    points.append((arm.base[0], values.mean(), *rate_interval(values)))
-        if points:
+                    points.append((condition.arm.base[0], values.mean(), *rate_interval(values)))
+            if not points:
+                continue
             x, p2, low, high = np.array(sorted(points)).T
-            ax.plot(x, 100 * p2, "o-", color=f"C{colour}", label=f"{robot}, embodied, plain oracle")
+            ax.plot(x, 100 * p2, "o-", color=f"C{colour}", label=f"{robot}, wrist {wrist}, plain oracle")
             ax.fill_between(x, 100 * low, 100 * high, color=f"C{colour}", alpha=0.15)
-        if robot in RING_MODEL:
-            wrist = ", wrist out" if robot == "ur10" else ""
-            ax.plot(
-                *zip(*RING_MODEL[robot].items(), strict=True),
-                "s:",
-                color=f"C{colour}",
-                label=f"{robot}{wrist}, ring model",
-            )
-    ax.set(xlabel="base x [m], towards the table", ylabel="p2 [%]", ylim=(0, 102))
-    ax.legend(fontsize="small")
+            if robot in RING_MODEL and wrist == "out":
+                ring = zip(*RING_MODEL[robot].items(), strict=True)
+                ax.plot(*ring, "s:", color=f"C{colour}", label=f"{robot}, wrist out, ring model")
+        ax.set(title=f"setting {setting}", xlabel="base x [m], towards the table", ylabel="p2 [%]", ylim=(0, 102))
+        ax.legend(fontsize="small")
     return figure
 
 
