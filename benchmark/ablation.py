@@ -1,4 +1,4 @@
-"""What each choice of the source policies' recipe bought: one changed at a time, several training seeds each.
+"""What each choice of the source policies' recipe bought: choice by demonstrations, several training seeds each.
 
 python -m benchmark.ablation
 """
@@ -23,16 +23,20 @@ if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
 
-STEP_SECONDS, EPISODE_SECONDS, DDPM_EPISODE_SECONDS = 0.03, 1.1, 2.0
+    from benchmark.statistics import Crossed
+
+STEP_SECONDS, EPISODE_SECONDS, DDPM_EPISODE_SECONDS = 0.027, 0.5, 2.0
 """What one training step and one episode take on one core, roughly, in [s]; for the budget alone."""
 
 
 @dataclass(frozen=True)
 class Variant:
-    """The default recipe with one thing changed."""
+    """A recipe that differs from another in one thing."""
 
     text: str
     """What is changed."""
+    base: str = "default"
+    """The variant that it differs from; empty for the one that differs from none."""
     demonstrations: CollectConfig = field(default_factory=CollectConfig)
     policy: Mapping[str, Any] = field(default_factory=dict)
     """Fields of `GuidedPushConfig` that are changed in training."""
@@ -43,38 +47,47 @@ class Variant:
 
     @property
     def trained(self) -> bool:
-        """Whether it has weights of its own; otherwise it has the default's."""
-        return self == VARIANTS["default"] or bool(self.policy) or self.demonstrations != CollectConfig()
+        """Whether it has weights of its own; otherwise it has those of its base."""
+        return not self.base or bool(self.policy) or self.demonstrations != VARIANTS[self.base].demonstrations
 
 
 def _data(name: str, **changes: Any) -> CollectConfig:
     return CollectConfig(**changes, output_dir=f"demonstrations/{name}")
 
 
+CHOICES: dict[str, dict[str, Any]] = {
+    "absolute": {"text": "positions on the table alone, no offsets from the tool", "policy": {"features": "absolute"}},
+    "pair": {"text": "the oracle's own geometry in the inputs", "policy": {"features": "pair"}},
+    "no_permutation": {"text": "blocks and targets not relabelled", "policy": {"permute": False}},
+    "x0": {"text": "the network predicts the actions, not the noise", "policy": {"prediction_type": "sample"}},
+    "n_obs_1": {"text": "one observation, not three", "policy": {"n_obs_steps": 1}},
+    "n_action_2": {"text": "two actions executed before the next prediction, not one", "n_action_steps": 2},
+    "n_action_4": {"text": "four actions executed before the next prediction, not one", "n_action_steps": 4},
+    "ddpm": {"text": "DDPM with 100 steps, not DDIM with 10", "sampler": "DDPM", "sampling_steps": 100},
+}
+"""What can be chosen with any demonstrations."""
+
 VARIANTS = {
-    "default": Variant("the recipe of the source policies"),
-    "absolute": Variant("positions on the table alone, no offsets from the tool", policy={"features": "absolute"}),
-    "pair": Variant("the oracle's own geometry in the inputs", policy={"features": "pair"}),
-    "no_bursts": Variant("no bursts", _data("no_bursts", burst_probability=0.0)),
-    "no_wide": Variant("no scenes all over the table", _data("no_wide", share_wide=0.0, share_bursts=0.6)),
-    "no_crowded": Variant("no scenes with things close", _data("no_crowded", share_crowded=0.0, share_bursts=0.45)),
-    "usual_scenes": Variant(
-        "neither of the two", _data("usual_scenes", share_wide=0.0, share_crowded=0.0, share_bursts=0.7)
+    "default": Variant("the recipe of the source policies", base=""),
+    **{name: Variant(**choice) for name, choice in CHOICES.items()},
+    "no_bursts": Variant("no bursts", demonstrations=_data("no_bursts", burst_probability=0.0)),
+    "no_wide": Variant(
+        "no scenes all over the table", demonstrations=_data("no_wide", share_wide=0.0, share_bursts=0.6)
     ),
-    "no_detours": Variant("the oracle's straight ways, also through blocks", _data("no_detours", detours=False)),
+    "no_detours": Variant(
+        "the oracle's straight ways, also through blocks", demonstrations=_data("no_detours", detours=False)
+    ),
     "on_policy": Variant(
-        "an earlier policy drives in 15 % of the episodes, in place of bursts",
-        _data("on_policy", share_bursts=0.2, share_on_policy=0.15, driver=str(CHECKPOINTS[0] / "seed42-1")),
+        "a policy of the recipe drives in 15 % of the episodes, in place of bursts",
+        demonstrations=_data(
+            "on_policy", share_bursts=0.2, share_on_policy=0.15, driver=str(CHECKPOINTS[0] / "seed42-1")
+        ),
     ),
-    "clean": Variant("undisturbed demonstrations alone", CLEAN),
-    "clean_displaced": Variant("the same, and the effector displaced in training", CLEAN, {"displacement": 0.005}),
-    "no_permutation": Variant("blocks and targets not relabelled", policy={"permute": False}),
-    "x0": Variant("the network predicts the actions, not the noise", policy={"prediction_type": "sample"}),
-    "n_obs_1": Variant("one observation, not three", policy={"n_obs_steps": 1}),
-    "n_obs_2": Variant("two observations, not three", policy={"n_obs_steps": 2}),
-    "n_action_2": Variant("two actions are executed before the next prediction, not one", n_action_steps=2),
-    "n_action_4": Variant("four actions are executed before the next prediction, not one", n_action_steps=4),
-    "ddpm": Variant("DDPM with 100 steps, not DDIM with 10", sampler="DDPM", sampling_steps=100),
+    "clean": Variant("undisturbed demonstrations alone", demonstrations=CLEAN),
+    **{f"clean_{name}": Variant(**choice, base="clean", demonstrations=CLEAN) for name, choice in CHOICES.items()},
+    "clean_displaced": Variant(
+        "the effector displaced in training", base="clean", demonstrations=CLEAN, policy={"displacement": 0.005}
+    ),
 }
 
 
@@ -83,11 +96,11 @@ class AblationConfig:
     """Trains and evaluates the source policies' recipe with one choice changed at a time."""
 
     variants: list[str] = field(default_factory=lambda: list(VARIANTS))
-    """Which, as in variants=[x0,pair]; the default is always among them, since the others are compared with it."""
+    """Which, as in variants=[x0,pair]; what they are compared with is always among them."""
     seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
     """Training seeds of each, whole numbers >= 0."""
-    steps: int = 9000
-    """Optimiser steps of a training; the last policy counts."""
+    steps: int = 4500
+    """Optimiser steps of a training, half of the source policies'; the last policy counts."""
     episodes: int = 200
     """Validation episodes of each policy on the xArm6; a whole number >= 1."""
     seed_start: int = 50_000
@@ -111,8 +124,11 @@ class AblationConfig:
 
     @property
     def chosen(self) -> dict[str, Variant]:
-        """The variants in the table's order, the default first."""
-        return {name: variant for name, variant in VARIANTS.items() if name == "default" or name in self.variants}
+        """The variants in the table's order, each with what it is compared with."""
+        asked = {*self.variants}
+        for name in reversed(VARIANTS):  # A base stands before its variants.
+            asked |= {VARIANTS[name].base} if name in asked else set()
+        return {name: variant for name, variant in VARIANTS.items() if name in asked}
 
 
 def main(config: AblationConfig) -> None:
@@ -163,12 +179,12 @@ def training(name: str, seed: int, config: AblationConfig) -> TrainConfig:
 
 
 def checkpoint(name: str, seed: int, config: AblationConfig) -> Path:
-    """Folder of a variant's policy; one without weights of its own is made from the default's where it must."""
+    """Folder of a variant's policy; one without weights of its own is made from its base's where it must."""
     variant = VARIANTS[name]
-    (path,) = training(name if variant.trained else "default", seed, config).checkpoints.values()
+    (path,) = training(name if variant.trained else variant.base, seed, config).checkpoints.values()
     if variant.n_action_steps == 1:
         return path
-    copy = Path("outputs") / "ablation" / name / path.name
+    copy = path.with_name(f"{path.name}-n_action_{variant.n_action_steps}")
     if not copy.exists():
         partial = copy.with_name(f".{copy.name}.tmp")
         shutil.rmtree(partial, ignore_errors=True)
@@ -200,32 +216,38 @@ def evaluate(name: str, config: AblationConfig, console: "Console") -> "pd.DataF
 
 
 def summary(episodes: "pd.DataFrame") -> "pd.DataFrame":
-    """One row per variant: scores over all its policies, p2 of each training seed, and p2 less the default's.
+    """One row per variant: scores over all its policies, p2 of each training seed, and p2 less that of its base.
 
-    The interval of a mean is Wilson's over all its episodes, that of the difference is over episodes that share scene
-    and training seed. Neither knows how much training seeds differ: for that the seeds' own p2 are there.
+    Intervals are for other training seeds and other episodes; differences are of the same of both.
 
     Args:
-        episodes: Rows of all policies with the column `variant`; those of the variant `default` come first.
+        episodes: Rows of all policies with the column `variant`.
     """
     import pandas as pd
 
-    from benchmark.statistics import paired_difference, rate_interval
+    from benchmark.statistics import clustered_difference, clustered_mean
 
-    key = ["training_seed", "episode_seed"]
-    default = episodes[episodes.variant == "default"].set_index(key).p2
-    rows = []
+    key, rows = ["training_seed", "episode_seed"], []
+    p2 = episodes.set_index(["variant", *key]).p2.astype(float)
     for name, table in episodes.groupby("variant", sort=False):
-        p2 = table.set_index(key).p2
-        low, high = rate_interval(p2.to_numpy(dtype=float))
-        difference = paired_difference(p2.to_numpy(dtype=float), default.loc[p2.index].to_numpy(dtype=float))
+        own = p2[name]
+        less = own - p2[VARIANTS[name].base or name].loc[own.index]
+        mean, low, high = clustered_mean(_crossed(own))
+        difference, least, most = clustered_difference(_crossed(less))
         rows.append(
-            {"variant": name, "n": len(table), "p2": p2.mean(), "p2_low": low, "p2_high": high}
-            | {"by_seed": p2.groupby("training_seed").mean().to_dict()}
-            | dict(zip(("difference", "difference_low", "difference_high"), difference, strict=True))
+            {"variant": name, "n": len(table), "p2": mean, "p2_low": low, "p2_high": high}
+            | {"by_seed": own.groupby("training_seed").mean().to_dict()}
+            | {"difference": difference, "difference_low": least, "difference_high": most}
             | {"p1": table.p1.mean(), "score": table.score.mean(), "length": table.length.mean()}
         )
     return pd.DataFrame(rows)
+
+
+def _crossed(values: "pd.Series") -> "Crossed":
+    from benchmark.statistics import Crossed
+
+    seeds = values.index
+    return Crossed(values.to_numpy(), *(seeds.get_level_values(name).to_numpy() for name in seeds.names))
 
 
 def markdown(table: "pd.DataFrame", config: AblationConfig) -> str:
@@ -239,10 +261,11 @@ def markdown(table: "pd.DataFrame", config: AblationConfig) -> str:
         {
             "variant": table.variant,
             "what is changed": [VARIANTS[name].text for name in table.variant],
+            "of": [VARIANTS[name].base for name in table.variant],
             "n": table.n,
             "p2": [with_interval(row, "p2") for _, row in table.iterrows()],
             "p2 by training seed": [", ".join(f"{100 * p2:.1f}" for p2 in seeds.values()) for seeds in table.by_seed],
-            "p2 less the default's": [difference_text(row) for _, row in table.iterrows()],
+            "p2 less that": [difference_text(row) if VARIANTS[row.variant].base else "" for _, row in table.iterrows()],
             "p1": (100 * table.p1).map("{:.1f}".format),
             "score": (100 * table.score).map("{:.1f}".format),
             "steps": table.length.map("{:.0f}".format),
@@ -254,10 +277,11 @@ def markdown(table: "pd.DataFrame", config: AblationConfig) -> str:
             "# What each choice bought",
             "",
             f"Made by `python -m benchmark.ablation`, code version {code_version()}. The source policies' recipe with",
-            f"one choice changed at a time, {config.steps} training steps, the last policy of each training seed",
-            f"({', '.join(map(str, config.seeds))}), on the xArm6, setting embodied, validation seeds",
-            f"{config.seed_start} to {last}, percent. Brackets: 95 % intervals over episodes (Wilson; paired for",
-            "differences); how much training seeds differ is seen from their own figures.",
+            "one choice changed, and each choice again with undisturbed demonstrations alone (`clean`), which shows",
+            f"more where there is next to nothing to gain; {config.steps} training steps, the last policy of each",
+            f"training seed ({', '.join(map(str, config.seeds))}), on the xArm6, setting embodied, validation seeds",
+            f"{config.seed_start} to {last}, percent. Brackets: 95 % intervals for other training seeds and other",
+            "episodes; differences are of the same of both.",
             "",
             shown.to_markdown(index=False),
             "",

@@ -1,4 +1,4 @@
-"""One choice changed at a time: what a variant is, and what the table says."""
+"""One choice changed at a time, with two kinds of demonstrations: what a variant is, and what the table says."""
 
 import json
 
@@ -25,9 +25,10 @@ def episodes():
 @pytest.mark.parametrize("name", VARIANTS)
 def test_a_variant_changes_one_thing(name):
     variant = VARIANTS[name]
-    changes = [bool(variant.policy), variant.demonstrations != CollectConfig(), variant.n_action_steps != 1]
+    of_base = VARIANTS[variant.base].demonstrations if variant.base else CollectConfig()
+    changes = [bool(variant.policy), variant.demonstrations != of_base, variant.n_action_steps != 1]
     changes.append(variant.sampler != "DDIM")
-    assert sum(changes) == {"default": 0, "clean_displaced": 2}.get(name, 1)
+    assert sum(changes) == bool(variant.base)
     default = GuidedPushConfig(device="cpu")
     for key, value in variant.policy.items():
         assert getattr(default, key) != value
@@ -45,21 +46,23 @@ def test_the_table_says_what_is_changed(episodes):
     assert VARIANTS["x0"].text in text and "70.0, 80.0" in text and "50000 to 50009" in text
 
 
-def test_the_default_is_always_there_and_trained_once():
+def test_what_is_compared_with_is_always_there_and_trained_once():
     config = AblationConfig(variants=["n_action_2", "x0"])
     assert list(config.chosen) == ["default", "x0", "n_action_2"]
-    assert "1000 demonstrations, 6 trainings of 9000 steps, 1800 episodes" in " ".join(budget(config).split())
+    assert "1000 demonstrations, 6 trainings of 4500 steps, 1800 episodes" in " ".join(budget(config).split())
+    assert list(AblationConfig(variants=["clean_ddpm"]).chosen) == ["default", "clean", "clean_ddpm"]
 
 
-def test_executing_more_actions_takes_the_default_weights(tmp_path, monkeypatch):
+@pytest.mark.parametrize("base, prefix", [("default", ""), ("clean", "clean_")])
+def test_executing_more_actions_takes_the_weights_of_its_base(base, prefix, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     config = AblationConfig(steps=10)
-    (folder,) = training("default", 42, config).checkpoints.values()
+    (folder,) = training(base, 42, config).checkpoints.values()
     folder.mkdir(parents=True)
     (folder / "model.safetensors").write_bytes(b"weights")
     (folder / "config.json").write_text(json.dumps({"n_action_steps": 1, "horizon": 4}))
     for _ in range(2):
-        copy = checkpoint("n_action_2", 42, config)
+        copy = checkpoint(f"{prefix}n_action_2", 42, config)
         assert (copy / "model.safetensors").read_bytes() == b"weights"
         assert json.loads((copy / "config.json").read_text()) == {"n_action_steps": 2, "horizon": 4}
-    assert checkpoint("ddpm", 42, config) == folder
+    assert checkpoint(f"{prefix}ddpm", 42, config) == folder

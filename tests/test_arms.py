@@ -72,9 +72,11 @@ def test_the_table_holds_scores_with_intervals_and_causes(conditions):
     assert "75.0 [30" in text and "code version\n`abc`" in text.replace("code version `abc`", "code version\n`abc`")
 
 
-def test_pictures_can_be_drawn(conditions):
-    episodes = pd.concat([episodes_of(condition, range(3)) for condition in conditions])
-    assert len(arms.draw_base_x(episodes, conditions).axes[0].lines) == 2  # The arm's curve and the ring model's.
+def test_pictures_can_be_drawn():
+    everywhere = arm_conditions("ur10", ["original", "embodied"])
+    episodes = pd.concat([episodes_of(condition, range(3)) for condition in everywhere])
+    original, embodied = arms.draw_base_x(episodes, everywhere).axes
+    assert len(original.lines) == 2 and len(embodied.lines) == 1  # The ring model is of a wrist that points out.
     path = np.random.default_rng(0).uniform([0.2, -0.4, 0.06], [0.5, 0.2, 0.06], (50, 3))
     figure = arms.draw_tables([arms.feasibility_table("ur3", setting, 0.1) for setting in ("original", "best")], path)
     assert ["ur3 original" in figure.axes[0].get_title(), "ur3 best" in figure.axes[1].get_title()] == [True, True]
