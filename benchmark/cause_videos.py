@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.command import SettingError, check_setting, run_command
-from benchmark.config import TASK_ARMS, check_folder
+from benchmark.config import TASK_ARMS, RunConfig, check_folder
 from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
@@ -69,11 +69,16 @@ def main(config: CauseVideosConfig) -> None:
 def examples(failed: "pd.DataFrame", code: str, policies: set[str]) -> "pd.DataFrame":
     """One row for each cause that there is, of this version of the code, of our own methods and of these policies.
 
-    Direct transfer comes before guidance, the UR3 before the other targets and these before the source; then seeds.
+    Episodes with fewer denoising steps than the default come last, direct transfer before guidance, the UR3 before the
+    other targets and these before the source; then seeds.
     """
     ours = failed[(failed.code_version == code) & (failed.entry_hash == "") & failed.checkpoint_hash.isin(policies)]
-    order = ours.assign(guided=ours["lambda"] > 0, arm=ours.robot.map([*TASK_ARMS[1:], TASK_ARMS[0]].index))
-    order = order.sort_values(["guided", "arm", "episode_seed", "row_hash"])
+    order = ours.assign(
+        rushed=ours.sampling_steps < RunConfig().sampling_steps,
+        guided=ours["lambda"] > 0,
+        arm=ours.robot.map([*TASK_ARMS[1:], TASK_ARMS[0]].index),
+    )
+    order = order.sort_values(["rushed", "guided", "arm", "episode_seed", "row_hash"])
     return ours.loc[order.groupby("failure_cause", sort=False).head(1).index]
 
 
@@ -99,7 +104,8 @@ def markdown(chosen: "pd.DataFrame", stored: "pd.Series") -> str:
     by_cause = {row["failure_cause"]: row for row in chosen.to_dict("records")}
     rows = [
         f"| `{cause}` | {stored[cause]} | {row['robot']}, {row['setting']}, {row['method']}, λ {row['lambda']:g}, "
-        f"policy {row['checkpoint']}, seed {row['episode_seed']}, {row['length']} steps; row `{row['row_hash'][:12]}` "
+        f"policy {row['checkpoint']}, {row['sampler']} with {row['sampling_steps']} steps, seed {row['episode_seed']}, "
+        f"length {row['length']}; row `{row['row_hash'][:12]}` "
         f"| ![{cause}](figures/causes/{cause}.webp) |"
         for cause in CAUSES
         if (row := by_cause.get(cause))

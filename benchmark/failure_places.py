@@ -24,6 +24,8 @@ LAST = 10
 """Steps, a second, over which the place is averaged where an episode ends."""
 PLACED = "both blocks placed"
 """Stands for the cause of an episode that did not fail."""
+AT_BORDER = 0.01
+"""An episode ends at the border of what the arm can hold if it ends no farther inside of it than this, in [m]."""
 FLAT = 0.01
 """Slope, in [1/m], below which guidance does nothing: with λ = 1 the first action moves by a tenth of a millimetre."""
 DRAWN = 300
@@ -61,22 +63,31 @@ def main(config: FailurePlacesConfig) -> None:
     from rich.console import Console
 
     from benchmark.build_maps import energy_field
-    from benchmark.prediction import direct_episodes
+    from benchmark.config import FIRST_TEST_SEED
+    from benchmark.feasibility_field import feasibility_field
+    from benchmark.trusted_rows import read_all_episodes
     from envs.arms import arm_setting
     from richmap.robots import load_robot
 
     console, output_dir = Console(), Path(config.output_dir)
-    direct, tables, drawn = direct_episodes(Path(config.episodes)), [], []
+    episodes, tables, curves, drawn = read_all_episodes(Path(config.episodes), FIRST_TEST_SEED), [], [], []
     for robot in config.robots:
         for setting in config.settings:
-            rows = direct[(direct.robot == robot) & (direct.setting == setting)] if len(direct) else direct
-            if rows.empty:
+            rows = episodes[(episodes.robot == robot) & (episodes.setting == setting)] if len(episodes) else episodes
+            direct = rows[rows.method == "direct"] if len(rows) else rows
+            if direct.empty:
                 continue
             arm, description = arm_setting(robot, setting), load_robot(robot)
             energy, _ = energy_field(description, arm.base, config.map, config.energy, config.workers, console)
-            ends = ends_of(rows, arm, energy)
+            distance, _ = feasibility_field(arm, console)
+            ends = ends_of(direct, arm, energy, distance)
             tables.append(by_cause(ends).assign(robot=robot, setting=setting))
             drawn.append((arm, energy, ends))
+            guided = rows[(rows.method == "paper") & (rows.batch_shape == direct.batch_shape.iloc[0])]
+            if ends.border.sum() and guided["lambda"].nunique() > 1:
+                scales = rows.loc[[*direct.index, *guided.index], "lambda"]
+                all_ends = pd.concat([ends, ends_of(guided, arm, energy, distance)])
+                curves.append(by_scale(all_ends.assign(scale=scales.to_numpy())).assign(robot=robot, setting=setting))
     if not drawn:
         raise SettingError(
             f"{config.episodes} holds no episodes of direct transfer on test seeds of {', '.join(config.robots)}. "
@@ -86,21 +97,25 @@ def main(config: FailurePlacesConfig) -> None:
         with replacing(output_dir / "figures" / f"failure_places.{ending}") as path:
             places_figure(drawn).savefig(path, dpi=110)
     with replacing(output_dir / "failure_places.md") as path:
-        path.write_text(markdown(pd.concat(tables, ignore_index=True)))
+        path.write_text(markdown(pd.concat(tables, ignore_index=True), curves))
     console.print(f"Table: {output_dir / 'failure_places.md'}", soft_wrap=True)
 
 
-def ends_of(episodes: "pd.DataFrame", arm: "ArmSetting", energy: "EnergyField") -> "pd.DataFrame":
+def ends_of(
+    episodes: "pd.DataFrame", arm: "ArmSetting", energy: "EnergyField", distance: "EnergyField"
+) -> "pd.DataFrame":
     """Where each episode ends, and what guidance would do there.
 
     Args:
         episodes: Rows with `failure_cause`, and the flange's path in [mm] in `path_x` and `path_y`.
         arm: The arm as it stood.
         energy: The field in the world frame.
+        distance: That to the border of what the arm can hold, above 0 beyond it, in [m], likewise.
 
     Returns:
-        A row per episode: its cause; `x`, `y` and the distance `radius` from the base's axis, in [m]; there the energy,
-        the length `slope` of its gradient in the plane and how guidance pushes `outward`, -∂E/∂R, both in [1/m].
+        A row per episode: its cause; `x`, `y` and the distance `radius` from the base's axis, in [m]; whether that is
+        at the `border`; there the energy, the length `slope` of its gradient in the plane and how guidance pushes
+        `outward`, -∂E/∂R, both in [1/m].
     """
     import pandas as pd
 
@@ -108,7 +123,8 @@ def ends_of(episodes: "pd.DataFrame", arm: "ArmSetting", energy: "EnergyField") 
 
     paths = (episodes.path_x, episodes.path_y)
     xy = np.stack([[np.mean(path[-LAST:]) / 1000 for path in coordinate] for coordinate in paths], axis=-1)
-    value, gradient = energy.value_and_gradient(np.column_stack([xy, np.full(len(xy), HEIGHT)]))
+    flange = np.column_stack([xy, np.full(len(xy), HEIGHT)])
+    value, gradient = energy.value_and_gradient(flange)
     from_base = xy - np.array(arm.base[:2])
     radius = np.linalg.norm(from_base, axis=1)
     return pd.DataFrame(
@@ -117,6 +133,7 @@ def ends_of(episodes: "pd.DataFrame", arm: "ArmSetting", energy: "EnergyField") 
             "x": xy[:, 0],
             "y": xy[:, 1],
             "radius": radius,
+            "border": distance.value_and_gradient(flange)[0] > -AT_BORDER,
             "energy": value,
             "slope": np.linalg.norm(gradient[:, :2], axis=1),
             "outward": -(gradient[:, :2] * from_base).sum(1) / radius,
@@ -125,19 +142,32 @@ def ends_of(episodes: "pd.DataFrame", arm: "ArmSetting", energy: "EnergyField") 
 
 
 def by_cause(ends: "pd.DataFrame") -> "pd.DataFrame":
-    """For each cause the number of episodes, median and tenth to ninetieth percentile of what `ends_of` gives, and the
-    share where the field is flat; the most frequent cause first, successes last."""
+    """For each cause the number of episodes, how many of them end at the border, median and tenth to ninetieth
+    percentile of the rest that `ends_of` gives, and the share where the field is flat; the most frequent cause first,
+    successes last."""
     import pandas as pd
 
     rows = []
     order = [cause for cause in ends.cause.value_counts().index if cause != PLACED]
     for cause in [*order, *([PLACED] if (ends.cause == PLACED).any() else [])]:
         group = ends[ends.cause == cause]
-        row = {"cause": cause, "n": len(group), "flat": (group.slope < FLAT).mean()}
+        row = {"cause": cause, "n": len(group), "border": group.border.sum(), "flat": (group.slope < FLAT).mean()}
         for name in ("radius", "energy", "slope", "outward"):
             low, row[name], high = np.quantile(group[name], [0.1, 0.5, 0.9])
             row |= {f"{name}_low": low, f"{name}_high": high}
         rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def by_scale(ends: "pd.DataFrame") -> "pd.DataFrame":
+    """For each λ: episodes, those that failed, those of them that end at the border, and failures by cause."""
+    import pandas as pd
+
+    rows = []
+    for scale, group in ends.groupby("scale"):
+        failed = group[group.cause != PLACED]
+        row = {"scale": scale, "n": len(group), "failed": len(failed), "border": failed.border.sum()}
+        rows.append(row | {"causes": failed.groupby("cause").border.agg(["size", "sum"]).sort_values("size")[::-1]})
     return pd.DataFrame(rows)
 
 
@@ -147,9 +177,12 @@ Made by `python -m benchmark.failure_places` from the stored episodes of direct 
 flange is in an episode's last second, and what the energy's slope is there. Medians, in brackets the tenth and the
 ninetieth percentile of the episodes. *R*: distance from the base's axis. *Outward*: how λ∇E pushes along it, -∂E/∂R;
 below 0 it pulls inward. *Flat*: share of the episodes that end where the slope is below {flat:g} per metre, so that
-guidance does nothing.
+guidance does nothing. *At the border*: how many end no farther than {border:g} m inside of what the arm can hold, or
+beyond it. A cause says what came first (`envs/failure.py`): a policy that stands still before a block is `dithering`
+also where the arm could not reach behind that block.
 
 {table}
+{curves}
 
 ![where episodes end, over the energy](figures/failure_places.png)
 
@@ -158,9 +191,11 @@ end.
 """
 
 
-def markdown(table: "pd.DataFrame") -> str:
-    """The document."""
+def markdown(table: "pd.DataFrame", curves: "list[pd.DataFrame]") -> str:
+    """The document: the tables of all arms by cause, one below the other, and those by scale, one for each arm."""
     import pandas as pd
+
+    from benchmark.scores import causes_text
 
     def spread(name: str, form: str) -> list[str]:
         columns = (name, f"{name}_low", f"{name}_high")
@@ -175,6 +210,7 @@ def markdown(table: "pd.DataFrame") -> str:
             "setting": table.setting,
             "ended by": table.cause,
             "n": table.n,
+            "at the border": table.border,
             "R [m]": spread("radius", ".3f"),
             "E": spread("energy", ".3f"),
             "slope [1/m]": spread("slope", ".3f"),
@@ -182,7 +218,22 @@ def markdown(table: "pd.DataFrame") -> str:
             "flat [%]": (100 * table.flat).map("{:.0f}".format),
         }
     )
-    return TEXT.format(flat=FLAT, table=shown.to_markdown(index=False, disable_numparse=True))
+    parts = []
+    for curve in curves:
+        causes = [{c: f"{n} ({border})" for c, n, border in of.itertuples()} for of in curve.causes]
+        shown_curve = pd.DataFrame(
+            {
+                "λ": curve.scale,
+                "n": curve.n,
+                "failed": curve.failed,
+                "of these at the border": curve.border,
+                "by cause (of these at the border)": [causes_text(each) for each in causes],
+            }
+        )
+        title = f"With λ∇E on the {curve.robot[0]}, setting {curve.setting[0]}:"
+        parts.append(f"\n{title}\n\n{shown_curve.to_markdown(index=False)}\n")
+    table = shown.to_markdown(index=False, disable_numparse=True)
+    return TEXT.format(flat=FLAT, border=AT_BORDER, table=table, curves="".join(parts))
 
 
 def places_figure(drawn: "list[tuple[ArmSetting, EnergyField, pd.DataFrame]]") -> "Figure":

@@ -55,7 +55,8 @@ class SourcePoliciesConfig:
     candidates: list[int] = field(default_factory=lambda: [7500, 8000, 8500, 9000])
     """Steps whose policies are candidates."""
     best: int = 3
-    """Candidates of each seed that are published, as seed<seed>-1 and so on."""
+    """Candidates of each seed that are published, as seed<seed>-1 and so on; those of a recipe other than robust with
+    its name before that, as clean-seed42-1."""
     episodes: int = 100
     """Validation episodes of each candidate on the xArm6; a whole number >= 1."""
     seed_start: int = 50_000
@@ -84,6 +85,11 @@ class SourcePoliciesConfig:
         check_folder(self.output_dir)
 
     @property
+    def prefix(self) -> str:
+        """What tells the names of this recipe's policies from those that ship."""
+        return "" if self.recipe == "robust" else f"{self.recipe}-"
+
+    @property
     def folder(self) -> Path:
         """Where checkpoints, the table and the validation episodes go."""
         return Path(self.output_dir) / self.recipe
@@ -97,7 +103,7 @@ def main(config: SourcePoliciesConfig) -> None:
 
     console = Console()
     train_all(trainings(config), config.workers)
-    table = ranking(validate(config, console), config.best)
+    table = ranking(validate(config, console), config.best, config.prefix)
     publish(table, config)
     log_validation(table, config)
     with replacing(config.folder / "candidates.md") as path:
@@ -152,13 +158,16 @@ def validate(config: SourcePoliciesConfig, console: "Console") -> "pd.DataFrame"
     )
 
 
-def ranking(candidates: "pd.DataFrame", best: int) -> "pd.DataFrame":
-    """Each seed's candidates by p2, then score, then shortness; the best get their name in the column `checkpoint`."""
+def ranking(candidates: "pd.DataFrame", best: int, prefix: str = "") -> "pd.DataFrame":
+    """Each seed's candidates by p2, then score, then shortness; the best get their name in the column `checkpoint`.
+
+    The name begins with `prefix`.
+    """
     table = candidates.sort_values(
         ["seed", "p2", "score", "length", "step"], ascending=[True, False, False, True, False], ignore_index=True
     )
     rank = table.groupby("seed").cumcount() + 1
-    named = "seed" + table.seed.astype(str) + "-" + rank.astype(str)
+    named = f"{prefix}seed" + table.seed.astype(str) + "-" + rank.astype(str)
     return table.assign(checkpoint=named.where(rank <= best, ""))
 
 

@@ -33,7 +33,10 @@ def test_a_stored_episode_is_played_again_and_shown(stored, tmp_path):
     with Image.open(tmp_path / "figures" / "causes" / "outer_reach.webp") as picture:
         assert picture.n_frames == 176  # Every other one of 350 steps and the reset.
     text = (tmp_path / "causes.md").read_text()
-    assert "| `outer_reach` | 1 | ur3, embodied, direct, λ 0, policy seed42-1, seed 50015, 350 steps" in text
+    assert (
+        "| `outer_reach` | 1 | ur3, embodied, direct, λ 0, policy seed42-1, DDIM with 10 steps, seed 50015, length 350"
+        in text
+    )
     assert "`dithering`" in text.split("| cause")[0]  # No episode here failed by that.
 
 
@@ -67,6 +70,7 @@ def test_direct_transfer_on_target_arms_comes_first_and_other_code_never():
             row(1, "dithering", **guided),
             row(2, "dithering", robot="xarm6"),
             row(9, "dithering", robot="ur10"),
+            row(4, "dithering", robot="ur3", sampling_steps=1),
             row(3, "time_out", **guided),
             row(0, "time_out", code_version="v0"),
             row(0, "time_out", entry_hash="abc"),
@@ -80,4 +84,4 @@ def test_direct_transfer_on_target_arms_comes_first_and_other_code_never():
         ("time_out", 3),
     }
     text = markdown(chosen, failed.failure_cause.value_counts())
-    assert "| `dithering` | 3 | ur10" in text and "`block_tipped`" in text.split("| cause")[0]
+    assert "| `dithering` | 4 | ur10" in text and "`block_tipped`" in text.split("| cause")[0]

@@ -33,6 +33,7 @@ from benchmark.prediction import PredictionConfig
 from benchmark.replay import ReplayConfig
 from benchmark.response import ResponseConfig
 from benchmark.scales import ScalesConfig
+from benchmark.scene_reach import SceneReachConfig
 from benchmark.self_collision import SelfCollisionConfig
 from benchmark.source_policies import SourcePoliciesConfig
 from benchmark.speed import SpeedConfig
@@ -48,6 +49,7 @@ SCHEMAS = {
     "lambda_curves": LambdaCurvesConfig,
     "prediction": PredictionConfig,
     "failure_places": FailurePlacesConfig,
+    "scene_reach": SceneReachConfig,
     "cause_videos": CauseVideosConfig,
     "build_maps": BuildMapsConfig,
     "merge_maps": MergeMapsConfig,

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from benchmark.failure_places import PLACED, by_cause, ends_of, markdown, places_figure
+from benchmark.failure_places import PLACED, by_cause, by_scale, ends_of, markdown, places_figure
 from envs.arms import arm_setting
 from richmap.energy import EnergyField
 from richmap.grid import Grid
@@ -18,6 +18,13 @@ def bowl() -> EnergyField:
     x, y, _ = GRID.axes()
     flat = np.add.outer((x - ARM.base[0]) ** 2, (y - ARM.base[1]) ** 2) / 2
     return EnergyField(GRID, np.repeat(flat[..., None], GRID.shape[2], axis=2), {})
+
+
+def edge() -> EnergyField:
+    """The arm can be within 0.505 m of the base's axis."""
+    x, y, _ = GRID.axes()
+    radius = np.hypot(*np.meshgrid(x - ARM.base[0], y - ARM.base[1], indexing="ij"))
+    return EnergyField(GRID, np.repeat(radius[..., None] - 0.505, GRID.shape[2], axis=2), {})
 
 
 @pytest.fixture
@@ -34,7 +41,7 @@ def episodes() -> pd.DataFrame:
 
 
 def test_the_end_is_that_of_the_last_second_and_guidance_pulls_down_the_slope(episodes):
-    ends = ends_of(episodes, ARM, bowl())
+    ends = ends_of(episodes, ARM, bowl(), edge())
     assert ends.cause.tolist() == 3 * ["outer_reach"] + ["dithering"] + 2 * [PLACED]
     assert np.allclose(ends.radius[:4], [0.5, 0.5, 0.5, 0.3])
     assert np.allclose(ends[["x", "y"]].to_numpy()[0], [ARM.base[0] + 0.5, ARM.base[1]])
@@ -44,20 +51,30 @@ def test_the_end_is_that_of_the_last_second_and_guidance_pulls_down_the_slope(ep
 
 
 def test_a_row_for_each_cause_the_frequent_first_and_successes_last(episodes):
-    table = by_cause(ends_of(episodes, ARM, bowl()))
+    table = by_cause(ends_of(episodes, ARM, bowl(), edge()))
     assert table.cause.tolist() == ["outer_reach", "dithering", PLACED] and table.n.tolist() == [3, 1, 2]
     assert table.flat.tolist() == [0, 0, 1]  # On the axis the bowl is level.
-    text = markdown(table.assign(robot="ur3", setting="best"))
-    assert "| ur3   | best      | outer_reach        | 3   | 0.500 [0.500, 0.500]" in text
+    assert table.border.tolist() == [3, 0, 0]
+    text = markdown(table.assign(robot="ur3", setting="best"), [])
+    assert "| ur3   | best      | outer_reach        | 3   | 3               | 0.500 [0.500, 0.500]" in text
+
+
+def test_scale_by_scale_failures_are_told_apart_by_whether_they_end_at_the_border(episodes):
+    ends = ends_of(episodes, ARM, bowl(), edge())
+    ends = pd.concat([ends.assign(scale=0.0), ends.assign(scale=1.0, cause=4 * ["dithering"] + 2 * [PLACED])])
+    table = by_scale(ends)
+    assert table.scale.tolist() == [0, 1] and table.failed.tolist() == [4, 4] and table.border.tolist() == [3, 3]
+    text = markdown(by_cause(ends).assign(robot="ur3", setting="best"), [table.assign(robot="ur3", setting="best")])
+    assert "outer_reach 3 (3), dithering 1 (0)" in text and "dithering 4 (3)" in text
 
 
 def test_where_nothing_failed_there_are_successes_alone(episodes):
-    table = by_cause(ends_of(episodes[4:], ARM, bowl()))
+    table = by_cause(ends_of(episodes[4:], ARM, bowl(), edge()))
     assert table.cause.tolist() == [PLACED]
 
 
 def test_dots_lie_where_episodes_end(episodes):
-    ends = ends_of(episodes, ARM, bowl())
+    ends = ends_of(episodes, ARM, bowl(), edge())
     figure = places_figure([(ARM, bowl(), ends)])
     dots = [line.get_xydata() for line in figure.axes[0].lines]
     failed = ends[ends.cause == "outer_reach"][["x", "y"]].to_numpy()

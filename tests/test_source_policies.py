@@ -34,6 +34,12 @@ def test_the_best_are_ranked_by_p2_then_score_then_length(tmp_path):
     assert named.to_dict() == {1: "seed42-1", 2: "seed42-2", 0: "seed42-3", 3: ""}
 
 
+def test_policies_of_other_recipes_never_go_by_the_name_of_one_that_ships(tmp_path):
+    prefix = SourcePoliciesConfig(recipe="clean").prefix
+    table = ranking(candidates(tmp_path, (0.9, 0.95, 100), (1.0, 1.0, 120)), 1, prefix)
+    assert table.checkpoint.tolist() == ["clean-seed42-1", ""] and not SourcePoliciesConfig().prefix
+
+
 def test_the_best_are_published_under_their_names_with_their_figures(tmp_path, config):
     table = ranking(candidates(tmp_path, (0.9, 0.95, 100), (1.0, 1.0, 120), (0.8, 0.9, 90)), 2)
     publish(table, config)

@@ -1,0 +1,205 @@
+"""What scenes ask of an arm's reach, and who places both blocks in them: is it the method that fails, or the arm?
+
+python -m benchmark.scene_reach
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from benchmark.command import SettingError, check_setting, run_command
+from benchmark.config import FIRST_TEST_SEED, ORACLES, SETTINGS, TASK_ARMS, check_folder, check_targets
+from benchmark.outputs import replacing
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+    from rich.console import Console
+
+    from envs.arms import ArmSetting
+
+EDGES = (-np.inf, 0.0, 0.01, 0.02, 0.03, 0.05, np.inf)
+"""Of the groups of scenes by what they ask, in [m]: the first asks nothing."""
+GROUPS = ["0", "up to 1", "1 to 2", "2 to 3", "3 to 5", "over 5"]
+"""Their names, in [cm]."""
+DRAWN = ("direct", "paper", "chunk_feasibility", "reorder")
+"""Methods that are drawn, beside the oracles."""
+
+
+@dataclass
+class SceneReachConfig:
+    """Sorts the test scenes by how far beyond the arm's reach straight pushes lead, and counts p2 in each group."""
+
+    robots: list[str] = field(default_factory=lambda: list(TASK_ARMS[1:]))
+    """Target arms, as in robots=[ur3,ur5]."""
+    settings: list[str] = field(default_factory=lambda: ["embodied", "best"])
+    """Settings of the arms; those without stored episodes are left out."""
+    episodes: str = "results"
+    """Folder under which episodes.parquet are read, of the strict protocol, and arms/oracle_episodes.parquet."""
+    output_dir: str = "results"
+    """Folder of scene_reach.md; the figure goes to its folder figures."""
+
+    def __post_init__(self) -> None:
+        check_targets(self.robots)
+        for name in self.settings or [None]:
+            check_setting(name in SETTINGS, "settings", name, ", ".join(SETTINGS))
+        check_folder(self.output_dir)
+
+
+def main(config: SceneReachConfig) -> None:
+    """Write the tables and the figure from the stored episodes."""
+    from rich.console import Console
+
+    from benchmark.ranking import PROTOCOLS, counted
+    from benchmark.run import shipped
+    from benchmark.trusted_rows import read_all_episodes
+    from envs.arms import arm_setting
+
+    console, folder = Console(), Path(config.episodes)
+    (strict,) = [protocol for protocol in PROTOCOLS if protocol.name == "strict"]
+    episodes = counted(read_all_episodes(folder, FIRST_TEST_SEED), strict, shipped())
+    tables = {}
+    for robot in config.robots:
+        for setting in config.settings:
+            arm = arm_setting(robot, setting)
+            rows = episodes[(episodes.robot == robot) & (episodes.setting == setting)] if len(episodes) else episodes
+            if len(rows):
+                tables[arm] = by_demand(
+                    rows, oracle_rows(arm, folder), demands(arm, rows.episode_seed.unique(), console)
+                )
+    if not tables:
+        raise SettingError(
+            f"{config.episodes} holds no episodes of the strict protocol of {', '.join(config.robots)}. "
+            "Make them: python -m benchmark.run -m experiment=methods"
+        )
+    for ending in ("svg", "png"):
+        with replacing(Path(config.output_dir) / "figures" / f"scene_reach.{ending}") as path:
+            reach_figure(tables).savefig(path, dpi=110)
+    file = Path(config.output_dir) / "scene_reach.md"
+    with replacing(file) as path:
+        path.write_text(markdown(tables))
+    console.print(f"Table: {file}", soft_wrap=True)
+
+
+def demands(arm: "ArmSetting", seeds: np.ndarray, console: "Console") -> "pd.Series":
+    """What the scene of each episode seed asks of the arm, in [m]; its index are the seeds.
+
+    Of the two ways to give each block a target the less demanding one; of its two straight pushes the more demanding
+    one: how far the tool gets beyond the border of what the arm can hold (`policies.push_reach.overreach`).
+    """
+    import pandas as pd
+
+    from benchmark.feasibility_field import feasibility_field
+    from envs.arms import HEIGHT
+    from envs.scene import draw_scene
+    from policies.push_reach import overreach
+
+    scenes = [draw_scene(int(seed)) for seed in seeds]
+    blocks = np.array([(scene.block[:2], scene.block2[:2]) for scene in scenes])
+    targets = np.array([(scene.target[:2], scene.target2[:2]) for scene in scenes])
+    distance, _ = feasibility_field(arm, console)
+    beyond = overreach(distance, blocks, targets, 0.0, HEIGHT)  # (n, block, target)
+    straight, crossed = (np.diagonal(x, axis1=1, axis2=2).max(1) for x in (beyond, beyond[:, :, ::-1]))
+    return pd.Series(np.minimum(straight, crossed), index=seeds)
+
+
+def oracle_rows(arm: "ArmSetting", folder: Path) -> "pd.DataFrame":
+    """Stored episodes of both oracles on an arm that stood alike, as methods of their name; none if not measured."""
+    import pandas as pd
+
+    from benchmark.arms import OracleCondition, rows_of
+
+    file = folder / "arms" / "oracle_episodes.parquet"
+    if not file.exists():
+        return pd.DataFrame()
+    stored = pd.read_parquet(file)
+    both = [rows_of(stored, OracleCondition("", arm, oracle)).assign(method=f"{oracle} oracle") for oracle in ORACLES]
+    return pd.concat(both).assign(training_seed=0)
+
+
+def by_demand(episodes: "pd.DataFrame", oracles: "pd.DataFrame", asked: "pd.Series") -> "pd.DataFrame":
+    """p2 of each method in each group of scenes, with its interval for other trainings and scenes.
+
+    Args:
+        episodes: Rows of all methods.
+        oracles: Rows of the oracles, or none.
+        asked: What each scene asks, by episode seed, in [m].
+
+    Returns:
+        A row for each method and group that has scenes: `method`, `group` (number in `GROUPS`), `scenes`, `p2`,
+        `p2_low` and `p2_high`. Methods come in order of their p2 in all scenes, the oracles last.
+    """
+    import pandas as pd
+
+    from benchmark.statistics import Crossed, clustered_mean
+
+    asked = asked.groupby(np.searchsorted(EDGES[1:], asked, side="left")).apply(lambda of_group: of_group.index)
+    means = episodes.groupby("method").p2.mean().sort_values(ascending=False, kind="stable")
+    every = pd.concat(
+        [episodes, oracles[oracles.episode_seed.isin(episodes.episode_seed)] if len(oracles) else oracles]
+    )
+    rows = []
+    for method in [*means.index, *(name for name in every.method.unique() if name not in means.index)]:
+        of_method = every[every.method == method]
+        for group, seeds in asked.items():
+            there = of_method[of_method.episode_seed.isin(seeds)]
+            values = Crossed(*(there[name].to_numpy() for name in ("p2", "training_seed", "episode_seed")))
+            p2 = dict(zip(("p2", "p2_low", "p2_high"), clustered_mean(values), strict=True))
+            rows.append({"method": method, "group": int(group), "scenes": there.episode_seed.nunique()} | p2)
+    return pd.DataFrame(rows)
+
+
+TEXT = """# What scenes ask of an arm
+
+Made by `python -m benchmark.scene_reach` from the stored episodes of the strict protocol. Scenes are sorted by how far
+beyond the border of what the arm can hold their straight pushes lead the tool, in cm: of the two ways to give each
+block a target the less demanding one, of its two pushes the more demanding one. p2 in percent, in brackets 95 %
+intervals for other training seeds and scenes. The oracles' rows are those of `benchmark.arms`.
+
+{tables}
+
+![p2 by what a scene asks](figures/scene_reach.png)
+"""
+
+
+def markdown(tables: "dict[ArmSetting, pd.DataFrame]") -> str:
+    """The document: a table for each arm as it stood."""
+    from benchmark.scores import with_interval
+
+    parts = []
+    for arm, table in tables.items():
+        scenes = table.groupby("group").scenes.max()
+        shown = table.assign(
+            text=[with_interval(row, "p2") for _, row in table.iterrows()],
+            title=[f"{GROUPS[group]} cm, {scenes[group]} scenes" for group in table.group],
+        )
+        order = [f"{GROUPS[group]} cm, {scenes[group]} scenes" for group in scenes.index]
+        wide = shown.pivot(index="method", columns="title", values="text").loc[table.method.unique(), order]
+        parts.append(f"## {arm.robot}, {arm.name}\n\n{wide.to_markdown(disable_numparse=True)}")
+    return TEXT.format(tables="\n\n".join(parts))
+
+
+def reach_figure(tables: "dict[ArmSetting, pd.DataFrame]") -> "Figure":
+    """p2 over the groups of scenes, a panel for each arm that is asked for what it cannot do."""
+    from matplotlib.figure import Figure
+
+    asked = {arm: table for arm, table in tables.items() if table.group.nunique() > 1} or tables
+    figure = Figure(figsize=(5.2 * len(asked), 4.0), layout="constrained")
+    for ax, (arm, table) in zip(figure.subplots(1, len(asked), squeeze=False)[0], asked.items(), strict=True):
+        drawn = [name for name in table.method.unique() if name in DRAWN or name.endswith("oracle")]
+        for shift, method in enumerate(drawn):
+            rows = table[table.method == method]
+            p2, low, high = (100 * rows[name].to_numpy() for name in ("p2", "p2_low", "p2_high"))
+            x = rows.group + 0.08 * (shift - (len(drawn) - 1) / 2)
+            ax.errorbar(x, p2, np.stack([p2 - low, high - p2]), fmt="o-", markersize=4, linewidth=0.8, label=method)
+        scenes = table.groupby("group").scenes.max()
+        ax.set_xticks(scenes.index, [f"{GROUPS[group]}\nn = {scenes[group]}" for group in scenes.index])
+        ax.set(title=f"{arm.robot}, {arm.name}", xlabel="beyond reach [cm]; scenes", ylabel="p2 [%]", ylim=(-2, 102))
+        ax.legend(fontsize="small")
+    return figure
+
+
+if __name__ == "__main__":
+    run_command(main, SceneReachConfig, "scene_reach")
