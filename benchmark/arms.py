@@ -191,9 +191,10 @@ def play_missing(conditions: list[OracleCondition], config: ArmsConfig, console:
     ):
         task = progress.add_task("Oracles", total=total, completed=total - sum(len(seeds) for _, seeds in chunks))
         new, last = [], time.monotonic()
-        for (condition, seeds), outcomes in zip(chunks, pool.map(play_chunk, chunks), strict=True):
+        for chunk, outcomes in zip(chunks, pool.map(play_chunk, chunks), strict=True):
+            condition = chunk[0]
             new.append(outcomes.assign(**condition.columns, code_version=code))
-            if time.monotonic() - last > STORE_EVERY or seeds is chunks[-1][1]:
+            if time.monotonic() - last > STORE_EVERY or chunk is chunks[-1]:
                 stored, new, last = pd.concat([stored, *new], ignore_index=True), [], time.monotonic()
                 store(file, stored)
             progress.update(
@@ -220,12 +221,13 @@ def rows_of(episodes: "pd.DataFrame", condition: OracleCondition) -> "pd.DataFra
 
 
 def play_chunk(chunk: tuple[OracleCondition, tuple[int, ...]]) -> "pd.DataFrame":
-    """Outcomes of a condition's episodes with these seeds."""
+    """Outcomes of a condition's episodes with these seeds, without the paths."""
     import pandas as pd
 
     condition, seeds = chunk
     play = partial(play_episode, condition.arm, condition.oracle)
-    return pd.DataFrame([{"episode_seed": seed, **asdict(play(seed))} for seed in seeds])
+    rows = pd.DataFrame([{"episode_seed": seed, **asdict(play(seed))} for seed in seeds])
+    return rows.drop(columns=["path_x", "path_y"])
 
 
 def store(file: Path, episodes: "pd.DataFrame") -> None:

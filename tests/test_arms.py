@@ -5,9 +5,19 @@ from dataclasses import asdict
 import numpy as np
 import pandas as pd
 import pytest
+from rich.console import Console
 
 from benchmark import arms
-from benchmark.arms import ArmsConfig, OracleCondition, arm_conditions, markdown, missing_chunks, rows_of, table_row
+from benchmark.arms import (
+    ArmsConfig,
+    OracleCondition,
+    arm_conditions,
+    markdown,
+    missing_chunks,
+    rows_of,
+    store,
+    table_row,
+)
 from benchmark.config import ORACLES, SETTINGS
 from envs.arms import arm_setting
 
@@ -54,6 +64,21 @@ def test_what_is_stored_is_not_played_again(conditions):
         ("aware", 10),
     ]
     assert min(chunks[0][1]) == 50030
+
+
+def test_every_episode_of_every_condition_is_played_and_stored_once(tmp_path, monkeypatch):
+    monkeypatch.setattr(arms, "CHUNK", 1)
+    usual = [OracleCondition("", arm_setting("ur5", setting), "plain") for setting in SETTINGS]
+    config = ArmsConfig(robots=["ur5"], episodes=2, output_dir=str(tmp_path))
+    episodes = arms.play_missing(usual, config, Console(quiet=True))
+    for condition in usual:
+        assert rows_of(episodes, condition).episode_seed.tolist() == [100_000, 100_001]
+    stored = pd.read_parquet(tmp_path / "arms" / "oracle_episodes.parquet")
+    assert len(stored) == 6
+    store(tmp_path / "arms" / "oracle_episodes.parquet", stored.drop(index=[1, 4]))  # As if it had been killed.
+    again = arms.play_missing(usual, config, Console(quiet=True))
+    compared = ["setting", "episode_seed", "length", "p2", "tracking_error_mean"]
+    assert len(again) == 6 and len(again.merge(episodes[compared])) == 6
 
 
 def test_rows_are_told_apart_by_all_that_the_arm_may_do(conditions):
