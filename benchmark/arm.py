@@ -7,6 +7,8 @@ from benchmark.command import SettingError
 from benchmark.config import OracleConfig, RunConfig
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from envs.arms import ArmSetting
 
 
@@ -22,6 +24,26 @@ def chosen_arm(config: RunConfig | OracleConfig) -> "ArmSetting":
         return _able(arm_setting(config.robot.name, config.setting, **vars(config.arm)))
     except ValueError as error:
         raise SettingError(f"arm: {error}") from error
+
+
+def arm_columns(arm: "ArmSetting") -> dict[str, object]:
+    """What tells an arm in tables of episodes (`benchmark.ranking.ARM`)."""
+    return {
+        "robot": arm.robot,
+        "setting": arm.name,
+        "base": " ".join(f"{x:g}" for x in arm.base),
+        "branch": arm.wrist,
+        "self_collision": arm.self_collision,
+        "joint_limits": arm.joint_limits,
+        "orientation_weight": arm.orientation_weight,
+    }
+
+
+def of_arm(episodes: "pd.DataFrame", arm: "ArmSetting") -> "pd.DataFrame":
+    """The rows of an arm that stood and held its tool like this one."""
+    for name, value in arm_columns(arm).items():
+        episodes = episodes[episodes[name] == value] if len(episodes) else episodes
+    return episodes
 
 
 @cache

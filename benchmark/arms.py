@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmark.arm import arm_columns
 from benchmark.command import check_setting, run_command
 from benchmark.config import FIRST_TEST_SEED, ORACLES, SETTINGS, check_folder, check_seeds, check_targets
 from benchmark.oracle import play_episode
@@ -96,17 +97,7 @@ class OracleCondition:
     @property
     def columns(self) -> dict[str, object]:
         """What tells the condition's rows in the table of episodes."""
-        arm = asdict(self.arm)
-        return {
-            "robot": arm["robot"],
-            "setting": arm["name"],
-            "base": " ".join(f"{x:g}" for x in arm["base"]),
-            "branch": arm["wrist"],
-            "self_collision": arm["self_collision"],
-            "joint_limits": arm["joint_limits"],
-            "orientation_weight": arm["orientation_weight"],
-            "oracle": self.oracle,
-        }
+        return arm_columns(self.arm) | {"oracle": self.oracle}
 
     @property
     def can_start(self) -> bool:

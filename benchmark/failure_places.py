@@ -62,6 +62,7 @@ def main(config: FailurePlacesConfig) -> None:
     import pandas as pd
     from rich.console import Console
 
+    from benchmark.arm import of_arm
     from benchmark.build_maps import energy_field
     from benchmark.config import FIRST_TEST_SEED
     from benchmark.feasibility_field import feasibility_field
@@ -73,11 +74,11 @@ def main(config: FailurePlacesConfig) -> None:
     episodes, tables, curves, drawn = read_all_episodes(Path(config.episodes), FIRST_TEST_SEED), [], [], []
     for robot in config.robots:
         for setting in config.settings:
-            rows = episodes[(episodes.robot == robot) & (episodes.setting == setting)] if len(episodes) else episodes
+            arm, description = arm_setting(robot, setting), load_robot(robot)
+            rows = of_arm(episodes, arm)
             direct = rows[rows.method == "direct"] if len(rows) else rows
             if direct.empty:
                 continue
-            arm, description = arm_setting(robot, setting), load_robot(robot)
             energy, _ = energy_field(description, arm.base, config.map, config.energy, config.workers, console)
             distance, _ = feasibility_field(arm, console)
             ends = ends_of(direct, arm, energy, distance)

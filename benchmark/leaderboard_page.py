@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.config import TASK_ARMS
-from benchmark.leaderboard_text import PROTOCOL_TEXTS
+from benchmark.leaderboard_text import PROTOCOL_TEXTS, setting_text
 from benchmark.published import TABLE_3
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def page(tables: "dict[Protocol, pd.DataFrame]", figures: Path) -> str:
         figures: Folder of moving pictures, `<arm>-<setting>-<method and scale>-<seed>.gif` (`benchmark.record`).
     """
     rows = [
-        row | {"protocol": protocol.name}
+        row | {"protocol": protocol.name, "setting_text": setting_text(row)}
         for protocol, table in tables.items()
         for row in json.loads(table.to_json(orient="records", double_precision=6))
     ]

@@ -1,13 +1,15 @@
 """The leaderboard as a document."""
 
+from collections.abc import Mapping
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from benchmark.published import TABLE_3
 from benchmark.ranking import ARM
 from benchmark.scores import causes_text, difference_text, with_interval
+from envs.arms import ORIENTATION_WEIGHT
 
 if TYPE_CHECKING:
     from benchmark.ranking import Protocol
@@ -44,8 +46,9 @@ PROTOCOL_TEXTS = {
 PAPER_TEXT = """Score, mean over nine policies (* over fewer), and their least and most. Which λ the paper's guided
 column is of, it does not say; ours is the whole curve, from its lowest to its highest point."""
 
-BASE_TEXT = """Direct transfer with the base where the arm's own map puts it, minus direct transfer at the common base:
-same policies, same episodes, in points; intervals and p as above."""
+ARM_CHANGED_TEXT = """Direct transfer with the base where the arm's own map puts it (`best`), or with another weight of
+orientation in the inverse kinematics, so that the tool may lean, minus direct transfer on the arm of the setting
+`embodied`: same policies, same episodes, in points; intervals and p as above."""
 
 MECHANISM_TEXT = """In percent, then the difference to direct transfer in points. *Farther first*: of episodes in which
 a block entered a target, those in which the first one entered the farther target. *Order changed*: of episodes in which
@@ -64,9 +67,9 @@ def markdown(tables: "dict[Protocol, pd.DataFrame]") -> str:
             parts += ["### Beside the paper's Table 3", PAPER_TEXT, _text(beside_the_paper(table))]
         for _, rows in table.groupby([*ARM, "code_version"], sort=False):
             first = rows.iloc[0]
-            parts += [f"### {first.robot}, {first.setting}", arm_text(rows), _text(scores(rows, protocol))]
+            parts += [f"### {first.robot}, {setting_text(first)}", arm_text(rows), _text(scores(rows, protocol))]
         if len(moved := between_settings(table)):
-            parts += ["### Where the arm stands", BASE_TEXT, _text(moved)]
+            parts += ["### How the arm stands and holds its tool", ARM_CHANGED_TEXT, _text(moved)]
         parts += ["### What guidance changed", MECHANISM_TEXT, _text(mechanism(table))]
         if protocol.best_only:
             parts += ["### Policy by policy", _text(by_policy(table, protocol))]
@@ -105,6 +108,12 @@ def beside_the_paper(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def setting_text(row: "Mapping[str, Any]") -> str:
+    """The setting, and the weight of orientation where it is not the usual one."""
+    weight = row["orientation_weight"]
+    return row["setting"] + ("" if weight == ORIENTATION_WEIGHT else f", orientation weight {weight:g}")
+
+
 def arm_text(rows: pd.DataFrame) -> str:
     """How an arm stood, and what the scripted oracles reach on it."""
     first = rows.iloc[0]
@@ -141,15 +150,15 @@ def scores(rows: pd.DataFrame, protocol: "Protocol") -> pd.DataFrame:
 
 
 def between_settings(rows: pd.DataFrame) -> pd.DataFrame:
-    """What the best base brings to direct transfer, arm by arm."""
+    """What another base or a leaning tool brings to direct transfer, arm by arm."""
     shown = []
-    for row in rows[rows.setting == "best"].dropna(subset="p2_base_difference").to_dict("records"):
-        shown.append({"arm": row["robot"], "base": row["base"], "n": row["n"]})
+    for row in rows.dropna(subset="p2_arm_difference").to_dict("records"):
+        shown.append({"arm": row["robot"], "setting": setting_text(row), "base": row["base"], "n": row["n"]})
         for name in ("p2", "score"):
             shown[-1] |= {
                 name: with_interval(row, name),
-                f"{name}: difference": difference_text(row, f"{name}_base_difference"),
-                f"{name}: p": f"{row[f'{name}_base_p']:.2g}",
+                f"{name}: difference": difference_text(row, f"{name}_arm_difference"),
+                f"{name}: p": f"{row[f'{name}_arm_p']:.2g}",
             }
     return pd.DataFrame(shown)
 
@@ -163,7 +172,7 @@ def mechanism(rows: pd.DataFrame) -> pd.DataFrame:
         "rectangle, at the table": "share_rectangle_b",
         "outer reach": "share_outer_reach",
     }
-    shown = {"setting": rows.setting, "arm": rows.robot, **_method(rows)}
+    shown = {"setting": [setting_text(row) for _, row in rows.iterrows()], "arm": rows.robot, **_method(rows)}
     shown["order changed"] = [
         "-" if pd.isna(row.order_changed) else with_interval(row, "order_changed") for _, row in rows.iterrows()
     ]
@@ -182,7 +191,7 @@ def by_policy(table: pd.DataFrame, protocol: "Protocol") -> pd.DataFrame:
     for row in table.to_dict("records"):
         about = pd.DataFrame([row])
         for policy in row["policies"]:
-            shown = {"setting": row["setting"], "arm": row["robot"], **{k: v[0] for k, v in _method(about).items()}}
+            shown = {"setting": setting_text(row), "arm": row["robot"], **{k: v[0] for k, v in _method(about).items()}}
             shown |= {"checkpoint": policy["checkpoint"], "n": policy["n"]}
             for name in protocol.scores:
                 shown[name] = with_interval(policy, name)

@@ -71,8 +71,9 @@ def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
     difference to direct transfer on the same episodes of the same policies, `_difference`, `_difference_low` and
     `_high`; for scores also the least and most of any policy, `_least` and `_most`, the difference's `_p`
     (`statistics.sign_flip_p_value`), and `_holm`, the same adjusted for all robots, methods and scales of the setting.
-    Likewise, for direct transfer at an arm's best base, that to direct transfer at the common one, `_base_difference`
-    and `_base_p`. NaN where there is nothing to compare with. `policies` has the figures of each.
+    Likewise, for direct transfer on an arm that stands or holds its tool otherwise than in the setting `embodied`, that
+    to direct transfer there, `_arm_difference` and `_arm_p`. NaN where there is nothing to compare with. `policies` has
+    the figures of each.
 
     Args:
         episodes: The rows that count.
@@ -89,9 +90,7 @@ def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
     episodes = episodes.assign(far_target_first=_far_target_first(episodes), training=_training(episodes))
     for _, of_arm in episodes.groupby([*ARM, "code_version"]):
         for _, group in of_arm.groupby([*GUIDANCE, *SAMPLING], dropna=False):
-            rows.append(
-                _row(group, _direct(of_arm, group), protocol, ours) | _to_common_base(episodes, group, protocol)
-            )
+            rows.append(_row(group, _direct(of_arm, group), protocol, ours) | _to_usual_arm(episodes, group, protocol))
     table = pd.DataFrame(rows)
     for score in protocol.scores:
         table[f"{score}_holm"] = table.groupby(["setting", "code_version"])[f"{score}_p"].transform(holm)
@@ -117,20 +116,26 @@ def _direct(of_arm: "pd.DataFrame", group: "pd.DataFrame") -> "pd.DataFrame":
     return of_arm[same & (of_arm.method == "direct") & (group.method.iloc[0] != "direct")]
 
 
-def _to_common_base(episodes: "pd.DataFrame", group: "pd.DataFrame", protocol: Protocol) -> dict[str, float]:
-    """Difference of direct transfer at the best base to that at the common one; NaN for all else."""
-    from benchmark.statistics import clustered_difference, sign_flip_p_value
+def _to_usual_arm(episodes: "pd.DataFrame", group: "pd.DataFrame", protocol: Protocol) -> dict[str, float]:
+    """Difference of direct transfer on an arm that stands or holds its tool otherwise to that on the arm of the setting
+    embodied; NaN for all else."""
+    import pandas as pd
 
-    alike = ["robot", "method", "code_version", *SAMPLING]
-    common = episodes[(episodes[alike] == group[alike].iloc[0]).all(axis=1) & (episodes.setting == "embodied")]
-    if group.setting.iloc[0] != "best" or group.method.iloc[0] != "direct":
+    from benchmark.arm import arm_columns
+    from benchmark.statistics import clustered_difference, sign_flip_p_value
+    from envs.arms import arm_setting
+
+    first, alike = group.iloc[0], ["robot", "method", "code_version", *SAMPLING]
+    usual = pd.Series(arm_columns(arm_setting(first.robot, "embodied")))
+    common = episodes[(episodes[alike] == first[alike]).all(axis=1) & (episodes[ARM] == usual[ARM]).all(axis=1)]
+    if (first[ARM] == usual[ARM]).all() or first.method != "direct":
         common = common[:0]
     pairs = group.merge(common, on=["checkpoint_hash", "episode_seed"], suffixes=("", "_common"))
     row: dict[str, float] = {}
     for name in protocol.scores:
         crossed = _crossed(pairs, pairs[name].astype(float) - pairs[f"{name}_common"].astype(float))
-        row |= _named(f"{name}_base_difference", clustered_difference(crossed))
-        row[f"{name}_base_p"] = sign_flip_p_value(crossed)
+        row |= _named(f"{name}_arm_difference", clustered_difference(crossed))
+        row[f"{name}_arm_p"] = sign_flip_p_value(crossed)
     return row
 
 

@@ -130,6 +130,7 @@ def make_condition(
     """What a policy on an arm is run with, with the code and the device of this machine."""
     import math
 
+    from benchmark.arm import arm_columns
     from benchmark.results import Condition
 
     device = config.device
@@ -146,13 +147,7 @@ def make_condition(
     code_version, commit = versions()
     sampler, steps = (config.sampler, config.sampling_steps) if source.type == GUIDED else source.sampler
     return Condition(
-        robot=arm.robot,
-        setting=arm.name,
-        base=" ".join(f"{x:g}" for x in arm.base),
-        branch=arm.wrist,
-        self_collision=arm.self_collision,
-        joint_limits=arm.joint_limits,
-        orientation_weight=arm.orientation_weight,
+        **arm_columns(arm),
         method=method,
         guidance_scale=scale,
         sampler=sampler,

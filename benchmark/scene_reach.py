@@ -3,7 +3,7 @@
 python -m benchmark.scene_reach
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -64,7 +64,7 @@ def main(config: SceneReachConfig) -> None:
     for robot in config.robots:
         for setting in config.settings:
             arm = arm_setting(robot, setting)
-            rows = episodes[(episodes.robot == robot) & (episodes.setting == setting)] if len(episodes) else episodes
+            rows = with_leaning_tools(episodes, arm)
             if len(rows):
                 tables[arm] = by_demand(
                     rows, oracle_rows(arm, folder), demands(arm, rows.episode_seed.unique(), console)
@@ -81,6 +81,21 @@ def main(config: SceneReachConfig) -> None:
     with replacing(file) as path:
         path.write_text(markdown(tables))
     console.print(f"Table: {file}", soft_wrap=True)
+
+
+def with_leaning_tools(episodes: "pd.DataFrame", arm: "ArmSetting") -> "pd.DataFrame":
+    """The episodes on an arm; those with another weight of orientation, otherwise alike, as methods of their own."""
+    import pandas as pd
+
+    from benchmark.arm import of_arm
+
+    if episodes.empty:
+        return episodes
+    rows = [of_arm(episodes, arm)]
+    for weight in sorted({*episodes.orientation_weight} - {arm.orientation_weight}):
+        leaning = of_arm(episodes, replace(arm, orientation_weight=weight))
+        rows.append(leaning.assign(method=leaning.method + f", orientation weight {weight:g}"))
+    return pd.concat(rows)
 
 
 def demands(arm: "ArmSetting", seeds: np.ndarray, console: "Console") -> "pd.Series":
@@ -156,7 +171,9 @@ TEXT = """# What scenes ask of an arm
 Made by `python -m benchmark.scene_reach` from the stored episodes of the strict protocol. Scenes are sorted by how far
 beyond the border of what the arm can hold their straight pushes lead the tool, in cm: of the two ways to give each
 block a target the less demanding one, of its two pushes the more demanding one. p2 in percent, in brackets 95 %
-intervals for other training seeds and scenes. The oracles' rows are those of `benchmark.arms`.
+intervals for other training seeds and scenes. *Orientation weight*: of the inverse kinematics, 1 m/rad where none is
+named; with less the tool leans where that brings it nearer to its command. The oracles' rows are those of
+`benchmark.arms`; they do not lean.
 
 {tables}
 
@@ -188,7 +205,7 @@ def reach_figure(tables: "dict[ArmSetting, pd.DataFrame]") -> "Figure":
     asked = {arm: table for arm, table in tables.items() if table.group.nunique() > 1} or tables
     figure = Figure(figsize=(5.2 * len(asked), 4.0), layout="constrained")
     for ax, (arm, table) in zip(figure.subplots(1, len(asked), squeeze=False)[0], asked.items(), strict=True):
-        drawn = [name for name in table.method.unique() if name in DRAWN or name.endswith("oracle")]
+        drawn = [name for name in table.method.unique() if name in DRAWN or name.endswith("oracle") or "weight" in name]
         for shift, method in enumerate(drawn):
             rows = table[table.method == method]
             p2, low, high = (100 * rows[name].to_numpy() for name in ("p2", "p2_low", "p2_high"))

@@ -15,7 +15,7 @@ from benchmark.command import CONF, SettingError
 from benchmark.config import FIRST_TEST_SEED, RunConfig
 from benchmark.lambda_curves import curves
 from benchmark.leaderboard import LeaderboardConfig, main
-from benchmark.leaderboard_text import beside_the_paper
+from benchmark.leaderboard_text import beside_the_paper, markdown
 from benchmark.oracle import summary
 from benchmark.oracle_scores import with_oracles
 from benchmark.ranking import PROTOCOLS, counted, leaderboard
@@ -224,11 +224,14 @@ def test_the_curves_pass_through_the_table(boards):
     assert line.get_ydata().tolist() == pytest.approx((100 * ur3.score).tolist())
 
 
-def test_the_best_base_is_held_against_the_common_one(transfer_episodes):
-    rows = transfer_episodes.query("robot == 'ur5' and setting == 'embodied' and method == 'direct'")
-    best = rows.assign(setting="best", base="0.1 0 0", p2=True)
-    table = leaderboard(counted(pd.concat([transfer_episodes, best]), STRICT, OURS), STRICT)
-    moved = table.query("setting == 'best'").iloc[0]
+@pytest.mark.parametrize("changed", [{"setting": "best", "base": "0.1 0 0"}, {"orientation_weight": 0.01}])
+def test_an_arm_that_stands_or_holds_its_tool_otherwise_is_held_against_the_usual_one(transfer_episodes, changed):
+    rows = transfer_episodes.query("robot == 'ur3' and setting == 'embodied' and method == 'direct'")
+    table = leaderboard(counted(pd.concat([transfer_episodes, rows.assign(**changed, p2=True)]), STRICT, OURS), STRICT)
+    (moved,) = (row for _, row in table.iterrows() if (row[[*changed]] == pd.Series(changed)).all())
     kept = counted(rows, STRICT, OURS)
-    assert moved.p2_base_difference == pytest.approx(1 - kept.p2.mean())
-    assert 0 < moved.p2_base_p < 1 and table.p2_base_p.notna().sum() == 1
+    assert moved.p2_arm_difference == pytest.approx(1 - kept.p2.mean())
+    assert 0 < moved.p2_arm_p < 1 and table.p2_arm_p.notna().sum() == 1
+    text = markdown({STRICT: with_oracles(table, Path("nowhere"))})
+    shown = "| ur3   | best " if "setting" in changed else "### ur3, embodied, orientation weight 0.01"
+    assert shown in text

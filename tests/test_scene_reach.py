@@ -1,11 +1,14 @@
 """Scenes are sorted by what they ask of the arm, and scores are those of the scenes in each group."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 from rich.console import Console
 
-from benchmark.scene_reach import GROUPS, by_demand, demands, markdown, oracle_rows, reach_figure
+from benchmark.arm import arm_columns
+from benchmark.scene_reach import GROUPS, by_demand, demands, markdown, oracle_rows, reach_figure, with_leaning_tools
 from envs.arms import arm_setting
 from envs.scene import draw_scene
 
@@ -61,6 +64,14 @@ def test_methods_come_by_their_score_and_the_document_shows_every_group(asked):
     assert "0 cm, 4 scenes" in text and "over 5 cm, 2 scenes" in text and text.index("direct ") < text.index("paper ")
     figure = reach_figure({ARM: table})
     assert [label.get_text() for label in figure.axes[0].get_legend().get_texts()] == ["direct", "paper"]
+
+
+def test_an_arm_whose_tool_may_lean_is_a_method_of_its_own():
+    def on(**changed):
+        return rows("direct", [1], [True]).assign(**arm_columns(replace(ARM, **changed)))
+
+    episodes = pd.concat([on(), on(orientation_weight=0.01), on(orientation_weight=0.01, base=(0.1, 0.0, 0.0))])
+    assert with_leaning_tools(episodes, ARM).method.tolist() == ["direct", "direct, orientation weight 0.01"]
 
 
 def test_oracles_count_only_on_an_arm_that_stood_alike(tmp_path):
