@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 TEMPLATE = Path(__file__).with_suffix(".html")
 
-PICTURES = 4
+PICTURES = 5
 """Most moving pictures of an arm."""
 
 
