@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 TEMPLATE = Path(__file__).with_suffix(".html")
 
-PICTURES = 5
+PICTURES = 4
 """Most moving pictures of an arm."""
 
 
