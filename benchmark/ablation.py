@@ -7,7 +7,7 @@ import json
 import os
 import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,21 +55,21 @@ def _data(name: str, **changes: Any) -> CollectConfig:
     return CollectConfig(**changes, output_dir=f"demonstrations/{name}")
 
 
-CHOICES: dict[str, dict[str, Any]] = {
-    "absolute": {"text": "positions on the table alone, no offsets from the tool", "policy": {"features": "absolute"}},
-    "pair": {"text": "the oracle's own geometry in the inputs", "policy": {"features": "pair"}},
-    "no_permutation": {"text": "blocks and targets not relabelled", "policy": {"permute": False}},
-    "x0": {"text": "the network predicts the actions, not the noise", "policy": {"prediction_type": "sample"}},
-    "n_obs_1": {"text": "one observation, not three", "policy": {"n_obs_steps": 1}},
-    "n_action_2": {"text": "two actions executed before the next prediction, not one", "n_action_steps": 2},
-    "n_action_4": {"text": "four actions executed before the next prediction, not one", "n_action_steps": 4},
-    "ddpm": {"text": "DDPM with 100 steps, not DDIM with 10", "sampler": "DDPM", "sampling_steps": 100},
+CHOICES = {
+    "absolute": Variant("positions on the table alone, no offsets from the tool", policy={"features": "absolute"}),
+    "pair": Variant("the oracle's own geometry in the inputs", policy={"features": "pair"}),
+    "no_permutation": Variant("blocks and targets not relabelled", policy={"permute": False}),
+    "x0": Variant("the network predicts the actions, not the noise", policy={"prediction_type": "sample"}),
+    "n_obs_1": Variant("one observation, not three", policy={"n_obs_steps": 1}),
+    "n_action_2": Variant("two actions executed before the next prediction, not one", n_action_steps=2),
+    "n_action_4": Variant("four actions executed before the next prediction, not one", n_action_steps=4),
+    "ddpm": Variant("DDPM with 100 steps, not DDIM with 10", sampler="DDPM", sampling_steps=100),
 }
 """What can be chosen with any demonstrations."""
 
 VARIANTS = {
     "default": Variant("the recipe of the source policies", base=""),
-    **{name: Variant(**choice) for name, choice in CHOICES.items()},
+    **CHOICES,
     "no_bursts": Variant("no bursts", demonstrations=_data("no_bursts", burst_probability=0.0)),
     "no_wide": Variant(
         "no scenes all over the table", demonstrations=_data("no_wide", share_wide=0.0, share_bursts=0.6)
@@ -84,7 +84,7 @@ VARIANTS = {
         ),
     ),
     "clean": Variant("undisturbed demonstrations alone", demonstrations=CLEAN),
-    **{f"clean_{name}": Variant(**choice, base="clean", demonstrations=CLEAN) for name, choice in CHOICES.items()},
+    **{f"clean_{name}": replace(choice, base="clean", demonstrations=CLEAN) for name, choice in CHOICES.items()},
     "clean_displaced": Variant(
         "the effector displaced in training", base="clean", demonstrations=CLEAN, policy={"displacement": 0.005}
     ),
@@ -277,8 +277,8 @@ def markdown(table: "pd.DataFrame", config: AblationConfig) -> str:
             "# What each choice bought",
             "",
             f"Made by `python -m benchmark.ablation`, code version {code_version()}. The source policies' recipe with",
-            "one choice changed, and each choice again with undisturbed demonstrations alone (`clean`), which shows",
-            f"more where there is next to nothing to gain; {config.steps} training steps, the last policy of each",
+            "one choice changed; `clean_…` are choices changed with undisturbed demonstrations alone, which shows more",
+            f"where there is next to nothing to gain; {config.steps} training steps, the last policy of each",
             f"training seed ({', '.join(map(str, config.seeds))}), on the xArm6, setting embodied, validation seeds",
             f"{config.seed_start} to {last}, percent. Brackets: 95 % intervals for other training seeds and other",
             "episodes; differences are of the same of both.",

@@ -41,9 +41,12 @@ def arm_columns(arm: "ArmSetting") -> dict[str, object]:
 
 def of_arm(episodes: "pd.DataFrame", arm: "ArmSetting") -> "pd.DataFrame":
     """The rows of an arm that stood and held its tool like this one."""
-    for name, value in arm_columns(arm).items():
-        episodes = episodes[episodes[name] == value] if len(episodes) else episodes
-    return episodes
+    import pandas as pd
+
+    if episodes.empty:
+        return episodes
+    columns = pd.Series(arm_columns(arm))
+    return episodes[(episodes[columns.index] == columns).all(axis=1)]
 
 
 @cache

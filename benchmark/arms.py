@@ -3,7 +3,6 @@
 python -m benchmark.arms
 """
 
-import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.arm import arm_columns
+from benchmark.arm import arm_columns, of_arm
 from benchmark.command import check_setting, run_command
 from benchmark.config import FIRST_TEST_SEED, ORACLES, SETTINGS, check_folder, check_seeds, check_targets
 from benchmark.oracle import play_episode
@@ -32,9 +31,7 @@ BASE_X = np.round(np.arange(-0.04, 0.141, 0.02), 2)
 WEIGHTS = (0.1, 10.0)
 """Factors of the orientation's weight."""
 CHUNK = 25
-"""Episodes that a process plays at a time."""
-STORE_EVERY = 60.0
-"""How often what was played is stored, in [s]."""
+"""Episodes that are played and stored together."""
 RING_MODEL = {
     "ur3": {0.0: 70, 0.04: 93, 0.08: 97, 0.11: 88, 0.14: 68},
     "ur10": {0.0: 98, 0.04: 78, 0.08: 55, 0.11: 35, 0.14: 17},
@@ -181,16 +178,12 @@ def play_missing(conditions: list[OracleCondition], config: ArmsConfig, console:
         progress_bar(console) as progress,
     ):
         task = progress.add_task("Oracles", total=total, completed=total - sum(len(seeds) for _, seeds in chunks))
-        new, last = [], time.monotonic()
-        for chunk, outcomes in zip(chunks, pool.map(play_chunk, chunks), strict=True):
-            condition = chunk[0]
-            new.append(outcomes.assign(**condition.columns, code_version=code))
-            if time.monotonic() - last > STORE_EVERY or chunk is chunks[-1]:
-                stored, new, last = pd.concat([stored, *new], ignore_index=True), [], time.monotonic()
-                store(file, stored)
+        for (condition, _), outcomes in zip(chunks, pool.map(play_chunk, chunks), strict=True):
             progress.update(
                 task, description=f"{condition.oracle} oracle on {condition.arm.robot}, {condition.arm.name}"
             )
+            stored = pd.concat([stored, outcomes.assign(**condition.columns, code_version=code)], ignore_index=True)
+            store(file, stored)
             progress.advance(task, len(outcomes))
     wanted = pd.DataFrame([condition.columns for condition in conditions]).drop_duplicates()
     return stored[stored.episode_seed.isin(seeds)].merge(wanted)
@@ -207,8 +200,7 @@ def missing_chunks(
 
 def rows_of(episodes: "pd.DataFrame", condition: OracleCondition) -> "pd.DataFrame":
     """The episodes of a condition."""
-    mask = np.logical_and.reduce([episodes[name] == value for name, value in condition.columns.items()])
-    return episodes[mask]
+    return of_arm(episodes[episodes.oracle == condition.oracle], condition.arm)
 
 
 def play_chunk(chunk: tuple[OracleCondition, tuple[int, ...]]) -> "pd.DataFrame":

@@ -66,11 +66,14 @@ def main(config: FailurePlacesConfig) -> None:
     from benchmark.build_maps import energy_field
     from benchmark.config import FIRST_TEST_SEED
     from benchmark.feasibility_field import feasibility_field
+    from benchmark.ranking import PROTOCOLS, counted
+    from benchmark.run import shipped
     from benchmark.trusted_rows import read_all_episodes
     from envs.arms import arm_setting
     from richmap.robots import load_robot
 
     console, output_dir = Console(), Path(config.output_dir)
+    (paper,) = [protocol for protocol in PROTOCOLS if protocol.name == "paper"]
     episodes, tables, curves, drawn = read_all_episodes(Path(config.episodes), FIRST_TEST_SEED), [], [], []
     for robot in config.robots:
         for setting in config.settings:
@@ -84,11 +87,10 @@ def main(config: FailurePlacesConfig) -> None:
             ends = ends_of(direct, arm, energy, distance)
             tables.append(by_cause(ends).assign(robot=robot, setting=setting))
             drawn.append((arm, energy, ends))
-            guided = rows[(rows.method == "paper") & (rows.batch_shape == direct.batch_shape.iloc[0])]
-            if ends.border.sum() and guided["lambda"].nunique() > 1:
-                scales = rows.loc[[*direct.index, *guided.index], "lambda"]
-                all_ends = pd.concat([ends, ends_of(guided, arm, energy, distance)])
-                curves.append(by_scale(all_ends.assign(scale=scales.to_numpy())).assign(robot=robot, setting=setting))
+            curve = counted(rows[rows.method.isin(["direct", "paper"])], paper, shipped())
+            if curve["lambda"].nunique() > 1:
+                scaled = ends_of(curve, arm, energy, distance).assign(scale=curve["lambda"].to_numpy())
+                curves.append(by_scale(scaled).assign(robot=robot, setting=setting))
     if not drawn:
         raise SettingError(
             f"{config.episodes} holds no episodes of direct transfer on test seeds of {', '.join(config.robots)}. "

@@ -119,16 +119,14 @@ def _direct(of_arm: "pd.DataFrame", group: "pd.DataFrame") -> "pd.DataFrame":
 def _to_usual_arm(episodes: "pd.DataFrame", group: "pd.DataFrame", protocol: Protocol) -> dict[str, float]:
     """Difference of direct transfer on an arm that stands or holds its tool otherwise to that on the arm of the setting
     embodied; NaN for all else."""
-    import pandas as pd
-
-    from benchmark.arm import arm_columns
+    from benchmark.arm import of_arm
     from benchmark.statistics import clustered_difference, sign_flip_p_value
     from envs.arms import arm_setting
 
     first, alike = group.iloc[0], ["robot", "method", "code_version", *SAMPLING]
-    usual = pd.Series(arm_columns(arm_setting(first.robot, "embodied")))
-    common = episodes[(episodes[alike] == first[alike]).all(axis=1) & (episodes[ARM] == usual[ARM]).all(axis=1)]
-    if (first[ARM] == usual[ARM]).all() or first.method != "direct":
+    usual = arm_setting(first.robot, "embodied")
+    common = of_arm(episodes[(episodes[alike] == first[alike]).all(axis=1)], usual)
+    if len(of_arm(group, usual)) or first.method != "direct":
         common = common[:0]
     pairs = group.merge(common, on=["checkpoint_hash", "episode_seed"], suffixes=("", "_common"))
     row: dict[str, float] = {}

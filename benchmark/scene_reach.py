@@ -152,9 +152,7 @@ def by_demand(episodes: "pd.DataFrame", oracles: "pd.DataFrame", asked: "pd.Seri
 
     asked = asked.groupby(np.searchsorted(EDGES[1:], asked, side="left")).apply(lambda of_group: of_group.index)
     means = episodes.groupby("method").p2.mean().sort_values(ascending=False, kind="stable")
-    every = pd.concat(
-        [episodes, oracles[oracles.episode_seed.isin(episodes.episode_seed)] if len(oracles) else oracles]
-    )
+    every = pd.concat([episodes, oracles])
     rows = []
     for method in [*means.index, *(name for name in every.method.unique() if name not in means.index)]:
         of_method = every[every.method == method]

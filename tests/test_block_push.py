@@ -181,7 +181,9 @@ def test_a_vector_environment_with_any_policy_runs():
     envs.close()
 
 
-@pytest.mark.skipif(not has_egl(), reason="needs EGL")
+@pytest.mark.skipif(
+    not has_egl(), reason="No EGL on this machine. On Debian: sudo apt-get install libegl1 libgl1-mesa-dri"
+)
 def test_pictures_need_no_display_and_show_something_move():
     env = make("ur3", render_mode="rgb_array")
     env.reset(seed=0)

@@ -61,7 +61,11 @@ def test_with_the_same_noise_lerobots_episodes_are_ours(ur3, ours):
 
 def test_lerobot_eval_finds_both_plugins_from_anywhere(ur3, monkeypatch):
     """The command itself, in a folder of its own, cut off after five steps."""
-    pytest.importorskip("mujoco.egl", reason="lerobot-eval draws videos", exc_type=Exception)
+    pytest.importorskip(
+        "mujoco.egl",
+        reason="lerobot-eval draws videos, which needs EGL. On Debian: sudo apt-get install libegl1 libgl1-mesa-dri",
+        exc_type=Exception,
+    )
     run = subprocess.run
     monkeypatch.setattr(subprocess, "run", lambda command, **given: run([*command, "--env.episode_length=5"], **given))
     metrics = lerobot_eval(ur3, range(FIRST, FIRST + 1), 1)
