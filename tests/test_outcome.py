@@ -141,6 +141,8 @@ SIMULATED = {  # Robot, its setting, the scene, and where the command goes.
     "near_base_fold": ("ur10", {"setting": "original", "base": (0.1, 0.0, 0.0)}, None, (0.16, 0.0)),
     "joint_limit": ("ur3", {"self_collision": False, "base": (0.05, 0.0, 0.0)}, None, (0.15, 0.0)),
     "self_collision": ("ur10", {"wrist": "out"}, None, (0.25, 0.0)),
+    "ik_branch": ("ur5", {"setting": "original", "base": (0.25, 0.0, 0.0)}, None, (0.15, 0.2)),  # Past the base.
+    "arm_blocked": ("ur3", {"setting": "original", "base": (0.14, 0.0, 0.0)}, None, (0.15, 0.2)),  # Elbow on the table.
     "tool_tilt": ("ur3", {"orientation_weight": 0.01}, None, (0.65, 0.0)),
     "block_out_of_workspace": ("xarm6", {}, scene((0.45, 0.49), (0.45, 0.45)), (0.45, 0.5)),
     "pushed_through": ("xarm6", {}, scene((0.284, 0.12), (0.284, 0.08)), (0.284, 0.32)),
@@ -154,6 +156,10 @@ def test_causes_are_told_in_the_simulation(cause):
     env = gymnasium.make(ENVIRONMENTS[robot], disable_env_checker=True, **arguments)
     _, info = env.reset(seed=0, options=options)
     assert summarize(go(env, info, goal, steps=110)).failure_cause == cause
+
+
+def test_the_other_causes_in_the_simulation_have_a_test_of_their_own():
+    assert set(CAUSES) - set(SIMULATED) == {"time_out", "block_tipped"}
 
 
 def test_time_runs_out_in_the_simulation_while_a_block_is_pushed():
