@@ -54,30 +54,38 @@ def draw_fields(guidances: "dict[str, Guidance]", base: tuple[float, float], pat
     """Where each method moves actions, as arrows over the table, above the demonstrations' path.
 
     Arrows are as long as the spacing where a method asks for most along that path; beyond, they grow no further.
+    `reorder` moves no action; its panel shows the places that a push must not lead the tool to.
 
     Args:
         guidances: Methods by name, with their scales.
         base: Position of the arm's base, x and y in [m].
         path: Flange positions of demonstrations, (n, 3) in [m].
     """
+    from policies.guidance import Reorder
+
     x, y = np.arange(0.16, 0.71, SPACING), np.arange(-0.48, 0.49, SPACING)
     points = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
     names = _order(guidances)
     visited = cKDTree(path[:, :2]).query(points)[0] < SPACING
     figure, panels = _panels(len(names), 4.2, sharex=True, sharey=True)
     for ax, name in zip(panels, names, strict=True):
+        ax.plot(*path[:, :2].T, ".", color="0.7", markersize=1.5)
+        ax.plot(*base, "s", color="black")
+        ax.set(title=name, aspect="equal", xlim=(min(-0.05, base[0] - 0.05), 0.72), ylim=(-0.52, 0.52))
+        if isinstance(guidances[name], Reorder):
+            outside = guidances[name].margin + guidances[name].distance.value_and_gradient(_at_flange(points))[0]
+            ax.contourf(x, y, outside.reshape(len(x), len(y)).T, (0, np.inf), colors="tab:blue", alpha=0.3)
+            ax.set_title("reorder: pushes that lead\nthe tool here come last", fontsize="small")
+            continue
         asked = asked_for(guidances[name], points)
         length = np.linalg.norm(asked, axis=1) + 1e-12
         longest = length[visited].max() if length[visited].max() > 1e-3 * length.max() else length.max()
         moved = length > 0.02 * longest
         asked *= (np.minimum(length / longest, 1) / length)[:, None]
-        ax.plot(*path[:, :2].T, ".", color="0.7", markersize=1.5)
         ax.quiver(
             *points[moved].T, *asked[moved].T, angles="xy", scale_units="xy", scale=1 / SPACING, width=0.006,
             color="tab:blue",
         )  # fmt: skip
-        ax.plot(*base, "s", color="black")
-        ax.set(title=name, aspect="equal", xlim=(min(-0.05, base[0] - 0.05), 0.72), ylim=(-0.52, 0.52))
     figure.supxlabel("x [m]")
     figure.supylabel("y [m]")
     figure.suptitle("Where methods move actions, each in its own unit\n(grey: demonstrations; square: the arm's base)")
@@ -91,8 +99,6 @@ def asked_for(guidance: "Guidance", points: np.ndarray) -> np.ndarray:
     """
     import torch
 
-    from policies.guidance import FLANGE_HEIGHT
-
     effector = torch.tensor(np.hstack([points, points]), dtype=torch.float64)
     still = torch.zeros(len(points), 1, 2, dtype=torch.float64)
     push = guidance.push(effector)
@@ -101,8 +107,15 @@ def asked_for(guidance: "Guidance", points: np.ndarray) -> np.ndarray:
     if guidance.looks_ahead:
         return -guidance.descent(still, effector)[:, 0].numpy()
     if guidance.samples > 1:  # The sample that it leads to is the one that is furthest down.
-        return -guidance.field.gradient(np.hstack([points, np.full((len(points), 1), FLANGE_HEIGHT)]))[:, :2]
+        return -guidance.field.gradient(_at_flange(points))[:, :2]
     return guidance.correct(still, effector)[:, 0].numpy()
+
+
+def _at_flange(points: np.ndarray) -> np.ndarray:
+    """These places on the table, (n, 3), at the height of the flange."""
+    from policies.guidance import FLANGE_HEIGHT
+
+    return np.insert(points, 2, FLANGE_HEIGHT, axis=1)
 
 
 def method_and_cells(row: "pd.Series") -> str:

@@ -116,7 +116,7 @@ def main(config: ResponseConfig) -> None:
     responses = measure(folders, config, console)
     success = success_by_steps(folders[0], config, console)
     with replacing(output_dir / "response.md") as file:
-        file.write_text(markdown(responses, success))
+        file.write_text(markdown(folders, responses, success))
     figure = output_dir / "figures" / "response.png"
     with replacing(figure) as file:
         draw(responses, success).savefig(file, dpi=120)
@@ -124,18 +124,20 @@ def main(config: ResponseConfig) -> None:
 
 
 def measure(folders: list[Path], config: ResponseConfig, console: "Console") -> pd.DataFrame:
-    """Rows of all policies and samplers (`response_rows`); those that this code has stored are not measured again."""
+    """Rows of all policies and samplers (`response_rows`), on observations of the first one's rollouts with the first
+    sampler; those that this code has stored are not measured again."""
     from benchmark.code_version import code_version
     from benchmark.rollout import load_policy
     from benchmark.run import make_rollout
 
     file = Path(config.output_dir) / "response.parquet"
     table = pd.read_parquet(file) if file.exists() else pd.DataFrame()
-    observed, wanted = None, []
+    observed, driver, wanted = None, None, []
     for folder in folders:
         for sampler, steps in SAMPLERS.items():
             run = RunConfig(robot=RobotConfig("xarm6"), sampler=sampler, sampling_steps=steps, device="cpu")
             rollout = make_rollout(run, 0.0, folder, console)
+            driver = driver or rollout
             about = {
                 "checkpoint": rollout.condition.checkpoint,
                 "checkpoint_hash": rollout.condition.checkpoint_hash,
@@ -147,7 +149,7 @@ def measure(folders: list[Path], config: ResponseConfig, console: "Console") -> 
             if len(table) and (table[list(about)] == pd.Series(about)).all(axis=1).any():
                 continue
             policy = load_policy(rollout)
-            observed = observed or observe(policy, config, console)
+            observed = observed or observe(load_policy(driver), config, console)
             console.print(f"Response of {rollout.condition.checkpoint} with {about['sampler']}")
             rows = response_rows(policy, observed).assign(prediction=policy.config.prediction_type, **about)
             table = pd.concat([table, rows], ignore_index=True)
@@ -248,9 +250,11 @@ TEXT = """# What lambda does
 
 A push g, in normalised action units (30 mm), is added to the predicted noise at every denoising step, as the paper's
 method adds λ∇E. Shift of the first action along the push in mm per unit of g, from paired samples with the same noise,
-over {n} observations of rollouts on the xArm6: mean (median). Below 0: against the push, as guidance is meant. The
-paper's λ is the push divided by the slope, at most 0.2 per metre at Δ = 0.05 m. Made by
-`python -m benchmark.response`.
+over {n} observations of rollouts on the xArm6: mean (median) and, of several checkpoints, the least and the greatest
+mean of one. `epsilon` predicts the noise, `sample` the actions (x0). Below 0: against the push, as guidance is meant.
+The paper's λ is the push divided by the slope, at most 0.2 per metre at Δ = 0.05 m. Made by
+
+    python -m benchmark.response policies=[{policies}]
 
 {scales}
 
@@ -267,16 +271,13 @@ xArm6, embodied, without guidance, percent with 95 % intervals.
 """
 
 
-def markdown(responses: pd.DataFrame, success: pd.DataFrame) -> str:
+def markdown(policies: list[Path], responses: pd.DataFrame, success: pd.DataFrame) -> str:
     """The tables for people."""
     from benchmark.scores import by_condition, with_interval
 
-    policy = ["checkpoint", "prediction", "sampler"]
+    by = ["prediction", "sampler", "scale"]
     elsewhere = responses[~responses.start]
-    by_scale = elsewhere[elsewhere.direction != "outward"].groupby([*policy, "scale", "direction"], sort=False)
     outward = responses[(responses.direction == "outward") & responses.scale.isin(SHOWN)]
-    places = outward.assign(place=place)
-    by_place = places.groupby([*policy, "scale", "place"], sort=True)
     text = "-"
     if len(success):
         rows = by_condition(success).sort_values(["sampler", "sampling_steps"])
@@ -284,9 +285,10 @@ def markdown(responses: pd.DataFrame, success: pd.DataFrame) -> str:
         about = {"sampler": rows["sampler"], "steps": rows["sampling_steps"], "checkpoint": rows["checkpoint"]}
         text = pd.DataFrame({**about, "n": rows["n"], **shown}).to_markdown(index=False)
     return TEXT.format(
-        n=len(elsewhere) // max(elsewhere.groupby([*policy, "scale", "direction"]).ngroups, 1),
-        scales=_wide(by_scale, "direction"),
-        places=_wide(by_place, "place"),
+        n=len(elsewhere) // elsewhere.groupby([*by, "checkpoint_hash", "direction"]).ngroups,
+        policies=",".join(map(str, policies)),
+        scales=_wide(elsewhere[elsewhere.direction != "outward"], by, "direction"),
+        places=_wide(outward.assign(place=place), by, "place"),
         success=text,
     )
 
@@ -298,11 +300,23 @@ def place(responses: pd.DataFrame) -> pd.Series:
     return rings.where(~responses.start, "start")
 
 
-def _wide(groups, column: str) -> str:
-    """Mean (median) of the shift, one column for each value of a column."""
-    shift = groups["shift"].agg(["mean", "median"])
-    text = shift["mean"].map("{:+.1f}".format) + " (" + shift["median"].map("{:+.1f}".format) + ")"
-    return text.unstack(column, fill_value="").reset_index().rename(columns={"scale": "g"}).to_markdown(index=False)
+def _wide(responses: pd.DataFrame, rows: list[str], column: str) -> str:
+    """Mean (median) of the shift and the range of the checkpoints' means, one column for each value of a column."""
+    cells = responses.groupby([*rows, column])["shift"].agg(["mean", "median"])
+    single = responses.groupby([*rows, column, "checkpoint_hash"])["shift"].mean().groupby([*rows, column])
+    cells = cells.assign(low=single.min(), high=single.max())
+
+    def text(cell: pd.Series) -> str:
+        between = "" if cell["low"] == cell["high"] else f" {cell['low']:+.1f} to {cell['high']:+.1f}"
+        return f"{cell['mean']:+.1f} ({cell['median']:+.1f}){between}"
+
+    return (
+        cells.apply(text, axis=1)
+        .unstack(column, fill_value="")
+        .reset_index()
+        .rename(columns={"scale": "g"})
+        .to_markdown(index=False)
+    )
 
 
 def draw(responses: pd.DataFrame, success: pd.DataFrame) -> "Figure":
@@ -314,13 +328,14 @@ def draw(responses: pd.DataFrame, success: pd.DataFrame) -> "Figure":
     figure = Figure(figsize=(13, 3.8), layout="constrained")
     by_sampler, by_place, by_steps = figure.subplots(1, 3)
     elsewhere = responses[~responses.start & (responses.direction != "outward")]
-    for (checkpoint, prediction, sampler), rows in elsewhere.groupby(["checkpoint", "prediction", "sampler"]):
+    for (prediction, sampler), rows in elsewhere.groupby(["prediction", "sampler"]):
         shift = rows.groupby("scale")["shift"].agg(["mean", "median"])
-        (line,) = by_sampler.plot(shift.index, shift["mean"], ".-", label=f"{checkpoint}, {prediction}, {sampler}")
+        (line,) = by_sampler.plot(shift.index, shift["mean"], ".-", label=f"{prediction}, {sampler}")
         by_sampler.plot(shift.index, shift["median"], ":", color=line.get_color())
-    by_sampler.set(
-        title="mean (dotted: median) of pushes along x and y", ylabel="shift of the first action [mm per unit]"
-    )
+        for _, of_one in rows.groupby("checkpoint_hash"):
+            by_sampler.plot(of_one.groupby("scale")["shift"].mean(), color=line.get_color(), linewidth=0.5)
+    by_sampler.set(title="pushes along x and y: mean (dotted: median)\nof all policies; thin: of each")
+    by_sampler.set(ylabel="shift of the first action [mm per unit]")
     first = responses[responses.checkpoint == responses.checkpoint.iloc[0]]
     first = first[(first.direction == "outward") & (first.sampler == first.sampler.iloc[0])].assign(place=place)
     for name, rows in first.groupby("place"):

@@ -1,5 +1,7 @@
 """What a push on the noise does to the first action."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -75,11 +77,14 @@ def test_observations_are_those_of_rollouts():
 
 
 def test_table_and_figure_are_made_from_the_rows(observed):
-    about = {"checkpoint": "seed42-1", "sampler": "DDIM-10", "prediction": "epsilon"}
-    rows = response_rows(blind_policy(), observed).assign(**about)
-    text = markdown(rows, pd.DataFrame())
-    assert "over 4 observations" in text and "| start" in text
-    assert f"{rows[(rows.scale == 1) & (rows.direction == 'x') & ~rows.start]['shift'].mean():+.1f} (" in text
+    about = {"sampler": "DDIM-10", "prediction": "epsilon"}
+    one = response_rows(blind_policy(), observed).assign(checkpoint="seed42-1", checkpoint_hash="a", **about)
+    other = one.assign(checkpoint="seed43-1", checkpoint_hash="b", shift=one["shift"] + 2)
+    rows = pd.concat([one, other])
+    text = markdown([Path("results/checkpoints/seed42-1")], rows, pd.DataFrame())
+    assert "over 4 observations" in text and "[results/checkpoints/seed42-1]" in text and "| start" in text
+    mean = one[(one.scale == 1) & (one.direction == "x") & ~one.start]["shift"].mean()
+    assert f"{mean + 1:+.1f} (" in text and f" {mean:+.1f} to {mean + 2:+.1f} " in text
     success = pd.DataFrame(
         {"sampler": "DDIM", "sampling_steps": [1] * 100 + [2] * 100, "p2": [False] * 100 + [True] * 100}
     )
