@@ -49,14 +49,16 @@ def main(config: LambdaCurvesConfig) -> None:
 
 
 def curves(table: "pd.DataFrame") -> "Figure":
-    """A column per arm; a line per method, from direct transfer at 0 on; the paper's figures as dashes.
+    """A column per arm; a line per method and field, from direct transfer at 0 on; the paper's figures as dashes.
 
     Args:
         table: `benchmark.ranking.leaderboard` by the paper's protocol.
     """
     import numpy as np
+    import pandas as pd
     from matplotlib.figure import Figure
 
+    from benchmark.guidance_figures import method_and_cells
     from benchmark.published import TABLE_3
 
     arms = [robot for robot in TASK_ARMS if robot in set(table.robot)]
@@ -65,14 +67,15 @@ def curves(table: "pd.DataFrame") -> "Figure":
     for line, (name, title) in zip(panels, NAMES.items(), strict=True):
         for ax, robot in zip(line, arms, strict=True):
             of_arm = table[table.robot == robot]
-            direct = of_arm[of_arm.method == "direct"]
-            for method in sorted({*of_arm.method} - {"direct"}) or ["direct"]:
-                rows = of_arm[(of_arm.method == method) | (of_arm.method == "direct")].sort_values("lambda")
+            direct, guided = of_arm[of_arm.method == "direct"], of_arm[of_arm.method != "direct"]
+            methods = [rows for _, rows in guided.groupby(["method", "field_fingerprint"])]
+            for of_method in methods or [direct]:
+                rows = of_method if of_method is direct else pd.concat([direct, of_method]).sort_values("lambda")
                 low, high = (100 * rows[f"{name}_{end}"].to_numpy(float) for end in ("low", "high"))
                 mean = 100 * rows[name].to_numpy(float)
                 ax.errorbar(
                     rows["lambda"], mean, np.stack([mean - low, high - mean]), marker="o", markersize=3, linewidth=1,
-                    elinewidth=0.6, label=f"method {method}: mean of the policies, 95 % interval",
+                    elinewidth=0.6, label=f"{method_and_cells(of_method.iloc[0])}: mean of the policies, 95 % interval",
                 )  # fmt: skip
                 least, most = (100 * rows[f"{name}_{end}"].to_numpy(float) for end in ("least", "most"))
                 ax.plot(rows["lambda"], least, color="0.5", linewidth=0.6)

@@ -224,6 +224,13 @@ def test_the_curves_pass_through_the_table(boards):
     assert line.get_ydata().tolist() == pytest.approx((100 * ur3.score).tolist())
 
 
+def test_each_field_has_a_curve_of_its_own(boards):
+    other = boards[PAPER].query("method == 'paper'").assign(field_fingerprint="other", cell_size=0.02)
+    ax = curves(pd.concat([boards[PAPER], other])).axes[1]
+    curves_of = {line.get_label().split(":")[0]: line.lines[0].get_xdata().tolist() for line in ax.containers}
+    assert curves_of == {f"paper, cells {cell} m": [0.0, 0.5, 1.0] for cell in (0.05, 0.02)}
+
+
 @pytest.mark.parametrize("changed", [{"setting": "best", "base": "0.1 0 0"}, {"orientation_weight": 0.01}])
 def test_an_arm_that_stands_or_holds_its_tool_otherwise_is_held_against_the_usual_one(transfer_episodes, changed):
     rows = transfer_episodes.query("robot == 'ur3' and setting == 'embodied' and method == 'direct'")
