@@ -85,8 +85,12 @@ VARIANTS = {
     ),
     "clean": Variant("undisturbed demonstrations alone", demonstrations=CLEAN),
     **{f"clean_{name}": replace(choice, base="clean", demonstrations=CLEAN) for name, choice in CHOICES.items()},
-    "clean_displaced": Variant(
-        "the effector displaced in training", base="clean", demonstrations=CLEAN, policy={"displacement": 0.005}
+    "clean_displaced": Variant("the effector displaced in training", "clean", CLEAN, {"displacement": 0.005}),
+    "clean_displaced_n_obs_1": Variant(
+        "one observation, not three", "clean_displaced", CLEAN, {"displacement": 0.005, "n_obs_steps": 1}
+    ),
+    "clean_displaced_pair": Variant(
+        "the oracle's own geometry in the inputs", "clean_displaced", CLEAN, {"displacement": 0.005, "features": "pair"}
     ),
 }
 

@@ -35,7 +35,7 @@ CLEAN = CollectConfig(share_noise=0, share_bursts=0, share_wide=0, share_crowded
 RECIPES = {
     "robust": Recipe(CollectConfig()),
     "pair": Recipe(CollectConfig(), {"features": "pair"}),
-    "clean": Recipe(CLEAN, {"displacement": 0.005}),
+    "clean": Recipe(CLEAN, {"displacement": 0.005, "n_obs_steps": 1}),
 }
 """From mostly disturbed episodes, the same with the oracle's own geometry in the inputs, or from undisturbed episodes
 alone, like the published data."""
