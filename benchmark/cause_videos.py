@@ -89,7 +89,7 @@ are in the README and in `envs/failure.py`. *Stored*: failed episodes by this ca
 methods and seeds, also of scales and policies that were tried and not chosen. Any row replays alone: `python -m
 benchmark.replay table=results row=<row>`.
 
-No stored episode of this code failed by: {missing}.
+No stored episode of a policy failed by: {missing} (the scripted oracles' may: `python -m benchmark.arms`).
 
 | cause | stored | the episode that is shown | |
 |---|---|---|---|

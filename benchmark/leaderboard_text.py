@@ -44,7 +44,8 @@ PROTOCOL_TEXTS = {
 }
 
 PAPER_TEXT = """Score, mean over nine policies (* over fewer), and their least and most. Which λ the paper's guided
-column is of, it does not say; ours is the whole curve, from its lowest to its highest point."""
+column is of, it does not say; ours is the whole curve, from its lowest to its highest point. Our policies learned from
+demonstrations most of which were disturbed on purpose, the paper's from clean ones."""
 
 ARM_CHANGED_TEXT = """Direct transfer with the base where the arm's own map puts it (`best`), or with another weight of
 orientation in the inverse kinematics, so that the tool may lean, minus direct transfer on the arm of the setting
