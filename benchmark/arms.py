@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 BASE_X = np.round(np.arange(-0.04, 0.141, 0.02), 2)
 """Base positions of the figure, in [m]; y and z are the common base's."""
-WEIGHTS = (0.1, 10.0)
+WEIGHTS = (0.01, 0.1, 10.0)
 """Factors of the orientation's weight."""
 CHUNK = 25
 """Episodes that are played and stored together."""
@@ -53,7 +53,7 @@ class ArmsConfig:
 
     robots: list[str] = field(default_factory=lambda: ["ur3", "ur5", "ur10"])
     """Arms, as in robots=[ur3,ur5]."""
-    changed: list[str] = field(default_factory=lambda: ["original", "embodied"])
+    changed: list[str] = field(default_factory=lambda: list(SETTINGS))
     """Settings of which single choices are changed, as in changed=[embodied]."""
     episodes: int = 500
     """Number of episodes of each condition; a whole number >= 1."""

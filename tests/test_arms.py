@@ -41,7 +41,7 @@ def test_every_setting_has_both_oracles(conditions):
 
 def test_a_change_is_one_choice_other_than_the_settings(conditions):
     changed = [condition for condition in conditions if condition.change]
-    assert len(changed) == 1 + 1 + 2 + 9  # Wrist, self-collision, weights, base x but for the common one.
+    assert len(changed) == 1 + 1 + 3 + 9  # Wrist, self-collision, weights, base x but for the common one.
     usual = asdict(arm_setting("ur10"))
     for condition in changed:
         assert sum(asdict(condition.arm)[key] != value for key, value in usual.items()) == 1, condition.change
