@@ -253,11 +253,11 @@ def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
     """A row per arm, method, field and scale, over all checkpoints: n, p2, score, and differences to direct transfer.
 
     Differences are paired: same checkpoint, same episode. `chosen` is the scale with the best p2, of equal ones the
-    smallest. Intervals are over episodes.
+    smallest. Intervals are for other trainings and other episodes.
     """
     import pandas as pd
 
-    from benchmark.statistics import paired_difference, rate_interval
+    from benchmark.statistics import Crossed, clustered_difference, clustered_mean
 
     rows = []
     for arm, group in episodes.groupby(ARM, sort=True):
@@ -267,11 +267,14 @@ def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
             row = dict(zip([*ARM, *METHOD, "lambda"], (*arm, *key), strict=True))
             row |= {"n": len(point), "checkpoints": point.checkpoint_hash.nunique()}
             for name in ("p2", "score"):
-                values, control = pairs[name].astype(float), pairs[f"{name}_direct"].astype(float)
-                row[name] = point[name].astype(float).mean()
-                row[f"{name}_low"], row[f"{name}_high"] = rate_interval(point[name].astype(float))
-                for end, value in zip(("", "_low", "_high"), paired_difference(values, control), strict=True):
-                    row[f"{name}_difference{end}"] = value
+                less = pairs[name].astype(float) - pairs[f"{name}_direct"].astype(float)
+                for column, rows_of, values, interval in (
+                    (name, point, point[name].astype(float), clustered_mean),
+                    (f"{name}_difference", pairs, less, clustered_difference),
+                ):
+                    units = (rows_of.checkpoint_hash.to_numpy(str), rows_of.episode_seed.to_numpy())
+                    figures = interval(Crossed(values.to_numpy(), *units))
+                    row |= dict(zip((column, f"{column}_low", f"{column}_high"), figures, strict=True))
             rows.append(row)
     table = pd.DataFrame(rows).sort_values([*ARM, *METHOD, "lambda"], ignore_index=True)
     in_order = table.sort_values(["p2", "lambda"], ascending=[False, True])
@@ -350,11 +353,11 @@ def shown(table: "pd.DataFrame") -> "pd.DataFrame":
 
 TEXT = """# The scale of each method of guidance
 
-Validation episodes, the same for all; percent, with 95 % intervals over episodes (Wilson), and paired differences to
-direct transfer in points. Made by `python -m benchmark.scales robot=…`. Each method's λ was doubled until its p2 fell
-below half of direct transfer's, or as often as was asked (nine scales by default; methods that choose among samples
-end at {most} of them); the chosen one has the best p2, of equal ones it is the smallest. Being the best of several on
-these episodes, its p2 here is too high: final figures come from other episodes.
+Validation episodes, the same for all; percent, with 95 % intervals for other trainings and other episodes, and paired
+differences to direct transfer in points. Made by `python -m benchmark.scales robot=…`. Each method's λ was doubled
+until its p2 fell below half of direct transfer's, or as often as was asked (nine scales by default; methods that
+choose among samples end at {most} of them); the chosen one has the best p2, of equal ones it is the smallest. Being
+the best of several on these episodes, its p2 here is too high: final figures come from other episodes.
 
 {units}"""
 
