@@ -234,7 +234,8 @@ TEXT = """# What the arms allow
 Made by `python -m benchmark.arms`: the scripted oracles on each target arm, {episodes} episodes each from seed
 {seed_start}, percent with 95 % Wilson intervals. *plain*: the original's oracle, which knows nothing of
 the arm. *aware*: chooses plan, side and contact of every push by where the arm can be (`envs.aware_oracle`); its score
-is the arm's **ceiling**. A change is one choice other than the setting's; all else stays. Rows:
+is the arm's **ceiling**; what it gives up, having found no push, counts as `dithering`. A change is one choice other
+than the setting's; all else stays. Rows:
 `arms/oracle_episodes.parquet`, code version `{code}`.
 
 {tables}

@@ -21,21 +21,21 @@ if TYPE_CHECKING:
     from richmap.energy import EnergyField
 
 FIRST = {
-    "paper": 0.125,
+    "paper": 0.03125,
     "away": 0.0125,
     "towards": 0.0125,
-    "shuffled": 0.125,
-    "flipped": 0.125,
+    "shuffled": 0.03125,
+    "flipped": 0.03125,
     "ring": 0.05,
     "feasibility": 0.05,
-    "projection": 0.0025,
+    "projection": 0.000625,
     "best_of_n_energy": 2.0,
     "best_of_n_feasibility": 2.0,
-    "chunk": 1.0,
+    "chunk": 0.25,
     "chunk_feasibility": 0.25,
     "reorder": 0.0025,
 }
-"""Each method's smallest scale, which hardly matters; what it is says `policies.methods.METHODS`."""
+"""Each method's smallest scale, at which it does next to nothing; what it is says `policies.methods.METHODS`."""
 
 MOST_SAMPLES = 32
 """Of methods that choose among samples: they do not collapse, but cost more and more."""
