@@ -83,6 +83,13 @@ def main(config: SceneReachConfig) -> None:
     console.print(f"Table: {file}", soft_wrap=True)
 
 
+def by_scale(episodes: "pd.DataFrame") -> "pd.DataFrame":
+    """The episodes, those of a method that was run at several scales as methods of their own."""
+    several = episodes.groupby("method")["lambda"].transform("nunique") > 1
+    named = episodes.method + ", λ " + episodes["lambda"].map("{:g}".format)
+    return episodes.assign(method=episodes.method.where(~several, named))
+
+
 def with_leaning_tools(episodes: "pd.DataFrame", arm: "ArmSetting") -> "pd.DataFrame":
     """The episodes on an arm; those with another weight of orientation, otherwise alike, as methods of their own."""
     import pandas as pd
@@ -91,7 +98,7 @@ def with_leaning_tools(episodes: "pd.DataFrame", arm: "ArmSetting") -> "pd.DataF
 
     if episodes.empty:
         return episodes
-    rows = [of_arm(episodes, arm)]
+    rows = [by_scale(of_arm(episodes, arm))]
     for weight in sorted({*episodes.orientation_weight} - {arm.orientation_weight}):
         leaning = of_arm(episodes, replace(arm, orientation_weight=weight))
         rows.append(leaning.assign(method=leaning.method + f", orientation weight {weight:g}"))

@@ -8,7 +8,16 @@ import pytest
 from rich.console import Console
 
 from benchmark.arm import arm_columns
-from benchmark.scene_reach import GROUPS, by_demand, demands, markdown, oracle_rows, reach_figure, with_leaning_tools
+from benchmark.scene_reach import (
+    GROUPS,
+    by_demand,
+    by_scale,
+    demands,
+    markdown,
+    oracle_rows,
+    reach_figure,
+    with_leaning_tools,
+)
 from envs.arms import arm_setting
 from envs.scene import draw_scene
 
@@ -68,7 +77,7 @@ def test_methods_come_by_their_score_and_the_document_shows_every_group(asked):
 
 def test_an_arm_whose_tool_may_lean_is_a_method_of_its_own():
     def on(**changed):
-        return rows("direct", [1], [True]).assign(**arm_columns(replace(ARM, **changed)))
+        return rows("direct", [1], [True]).assign(**arm_columns(replace(ARM, **changed)), **{"lambda": 0.0})
 
     episodes = pd.concat([on(), on(orientation_weight=0.01), on(orientation_weight=0.01, base=(0.1, 0.0, 0.0))])
     assert with_leaning_tools(episodes, ARM).method.tolist() == ["direct", "direct, orientation weight 0.01"]
@@ -89,3 +98,8 @@ def test_oracles_count_only_on_an_arm_that_stood_alike(tmp_path):
     pd.concat(tables).to_parquet(tmp_path / "arms" / "oracle_episodes.parquet")
     found = oracle_rows(ARM, tmp_path)
     assert found.method.tolist() == ["plain oracle"] * 2 + ["aware oracle"] * 2 and set(found.base) == {"0 0 0"}
+
+
+def test_each_scale_of_a_method_counts_for_itself():
+    episodes = pd.DataFrame({"method": ["paper", "chunk", "chunk"], "lambda": [0.5, 0.25, 1.0]})
+    assert by_scale(episodes).method.tolist() == ["paper", "chunk, λ 0.25", "chunk, λ 1"]
