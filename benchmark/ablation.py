@@ -67,6 +67,8 @@ CHOICES = {
 }
 """What can be chosen with any demonstrations."""
 
+DISPLACED = {"displacement": 0.005}
+
 VARIANTS = {
     "default": Variant("the recipe of the source policies", base=""),
     **CHOICES,
@@ -85,13 +87,13 @@ VARIANTS = {
     ),
     "clean": Variant("undisturbed demonstrations alone", demonstrations=CLEAN),
     **{f"clean_{name}": replace(choice, base="clean", demonstrations=CLEAN) for name, choice in CHOICES.items()},
-    "clean_displaced": Variant("the effector displaced in training", "clean", CLEAN, {"displacement": 0.005}),
-    "clean_displaced_n_obs_1": Variant(
-        "one observation, not three", "clean_displaced", CLEAN, {"displacement": 0.005, "n_obs_steps": 1}
-    ),
-    "clean_displaced_pair": Variant(
-        "the oracle's own geometry in the inputs", "clean_displaced", CLEAN, {"displacement": 0.005, "features": "pair"}
-    ),
+    "clean_displaced": Variant("the effector displaced in training", "clean", CLEAN, DISPLACED),
+    **{
+        f"clean_displaced_{name}": replace(
+            CHOICES[name], base="clean_displaced", demonstrations=CLEAN, policy=DISPLACED | CHOICES[name].policy
+        )
+        for name in ("n_obs_1", "pair")
+    },
 }
 
 

@@ -259,6 +259,9 @@ def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
 
     from benchmark.statistics import Crossed, clustered_difference, clustered_mean
 
+    def crossed(rows: pd.DataFrame, values: pd.Series) -> Crossed:
+        return Crossed(values.to_numpy(float), rows.checkpoint_hash.to_numpy(str), rows.episode_seed.to_numpy())
+
     rows = []
     for arm, group in episodes.groupby(ARM, sort=True):
         direct = group[group.method == "direct"]
@@ -268,13 +271,13 @@ def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
             row |= {"n": len(point), "checkpoints": point.checkpoint_hash.nunique()}
             for name in ("p2", "score"):
                 less = pairs[name].astype(float) - pairs[f"{name}_direct"].astype(float)
-                for column, rows_of, values, interval in (
-                    (name, point, point[name].astype(float), clustered_mean),
-                    (f"{name}_difference", pairs, less, clustered_difference),
-                ):
-                    units = (rows_of.checkpoint_hash.to_numpy(str), rows_of.episode_seed.to_numpy())
-                    figures = interval(Crossed(values.to_numpy(), *units))
-                    row |= dict(zip((column, f"{column}_low", f"{column}_high"), figures, strict=True))
+                rate, difference = (
+                    clustered_mean(crossed(point, point[name])),
+                    clustered_difference(crossed(pairs, less)),
+                )
+                row |= dict(zip((name, f"{name}_low", f"{name}_high"), rate, strict=True))
+                of_difference = (f"{name}_difference", f"{name}_difference_low", f"{name}_difference_high")
+                row |= dict(zip(of_difference, difference, strict=True))
             rows.append(row)
     table = pd.DataFrame(rows).sort_values([*ARM, *METHOD, "lambda"], ignore_index=True)
     in_order = table.sort_values(["p2", "lambda"], ascending=[False, True])
