@@ -142,6 +142,7 @@ def measure(folders: list[Path], config: ResponseConfig, console: "Console") -> 
                 "checkpoint": rollout.condition.checkpoint,
                 "checkpoint_hash": rollout.condition.checkpoint_hash,
                 "sampler": f"{sampler}-{steps}",
+                "observed_by": driver.condition.checkpoint_hash,
                 "observations": config.observations,
                 "code_version": code_version(),
             }
