@@ -219,7 +219,7 @@ class RunConfig:
     binds, wrist-out, as where only the arm is swapped in the original task) or best (as embodied, base and wrist where
     benchmark.place_bases finds the arm to reach the most)."""
     scales_dir: str = "results/scales"
-    """With lambda=null: folder of the episodes.parquet of benchmark.scales."""
+    """With lambda=null: the folder that benchmark.scales wrote its episodes to."""
     output_dir: str = "results"
     """Folder that results go to, such as episodes.parquet."""
     device: str = "auto"

@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 
     from policies.modeling_guided_push import GuidedPushPolicy
 
-KEY = ["name", "robot", "sampler", "environments", "threads"]
+KEY = ["name", "robot", "sampler", "environments", "threads", "method"]
 """A row replaces an older one that agrees in these columns."""
 
 SAMPLERS = {"DDIM": 10, "DDPM": 100}
-"""Samplers that are timed, and their steps."""
+"""Samplers that are timed with method `paper`, and their steps; the other methods with the first, on one thread."""
 
 SHOWN = 12
 """Functions of the profile in the table, those with the most time of their own."""
@@ -201,22 +201,27 @@ def rollout_seconds(robot: str, config: EnvironmentSpeedConfig, console: "Consol
 
 
 def sampling(config: EnvironmentSpeedConfig, console: "Console") -> Iterator[list[dict[str, object]]]:
-    """Milliseconds per chunk of actions, plain and guided by a UR3's energy, for each sampler."""
+    """Milliseconds per chunk of actions, plain and guided on a UR3, for each sampler and each method."""
     import torch
 
     from benchmark.rollout import load_policy
     from benchmark.run import checkpoint_folder, make_rollout
+    from benchmark.scales import FIRST
 
-    checkpoint = checkpoint_folder(config.seed)
-    for sampler, steps in SAMPLERS.items():
-        run = RunConfig(robot=RobotConfig("ur3"), sampler=sampler, sampling_steps=steps, device="cpu")
-        plain, guided = (load_policy(make_rollout(run, scale, checkpoint, console)) for scale in (0.0, 0.5))
+    checkpoint, (first, *_) = checkpoint_folder(config.seed), SAMPLERS
+    timed = [(sampler, "paper", config.threads) for sampler in SAMPLERS]
+    timed += [(first, method, [1]) for method in FIRST if method != "paper"]
+    for sampler, method, some_threads in timed:
+        steps = SAMPLERS[sampler]
+        run = RunConfig(RobotConfig("ur3"), method=method, sampler=sampler, sampling_steps=steps, device="cpu")
+        plain, guided = (load_policy(make_rollout(run, scale, checkpoint, console)) for scale in (0.0, FIRST[method]))
         rows = []
-        for threads, n in product(config.threads, config.environments):
+        for threads, n in product(some_threads, config.environments):
             torch.set_num_threads(threads)
-            about = {"sampler": f"{sampler}-{steps}", "environments": n, "threads": threads, "count": config.repeats}
+            about = {"sampler": f"{sampler}-{steps}", "environments": n, "threads": threads}
+            about |= {"method": method, "count": config.repeats}
             rows += [{**about, **row} for row in chunk_speeds(plain, guided, n, config.repeats)]
-            console.print(f"Chunks: {sampler}-{steps}, {n} environments, {threads} threads")
+            console.print(f"Chunks: {sampler}, {method}, {n} environments, {threads} threads")
         yield rows
 
 
@@ -259,7 +264,7 @@ def write(output_dir: Path, rows: list[dict[str, object]]) -> None:
     import pandas as pd
 
     new = pd.DataFrame(rows, columns=[*KEY, "value", "unit", "count"])
-    new = new.fillna({"robot": "", "sampler": "", "environments": 0, "threads": 0})
+    new = new.fillna({"robot": "", "sampler": "", "environments": 0, "threads": 0, "method": ""})
     table = store_rows(output_dir / "environment_speed.parquet", new, KEY)
     with replacing(output_dir / "environment_speed.md") as path:
         path.write_text(markdown(table))
@@ -280,8 +285,8 @@ Python look slower than it is; the functions with the most.
 
 {profile}
 
-Sampling a chunk of actions, wall time, the least of some repeats; guided by a UR3's energy (method `paper`). What
-guidance adds is the median over pairs measured in turn, in processor time.
+Sampling a chunk of actions, wall time, the least of some repeats; guided on a UR3. What guidance adds is the median
+over pairs measured in turn, in processor time; the best of two samples takes two samples.
 
 {chunks}
 """
@@ -304,7 +309,7 @@ def markdown(table: "pd.DataFrame") -> str:
     return TEXT.format(
         arms=shown(measured, ["name"], "robot", ".4g") if len(measured) else "",
         profile=shown(own, ["name"], "robot", ".3f") if len(own) else "",
-        chunks=shown(chunks, ["sampler", "environments", "threads"], "name", ".3g") if len(chunks) else "",
+        chunks=shown(chunks, ["sampler", "method", "environments", "threads"], "name", ".3g") if len(chunks) else "",
     )
 
 

@@ -74,7 +74,7 @@ class ScalesConfig:
     setting: str = "embodied"
     """What the arm may do (see benchmark.run)."""
     output_dir: str = "results/scales"
-    """Folder of episodes.parquet, scales.md and the figures."""
+    """In its folder <robot>-<setting>: scales.md, the figures, and each method's episodes.parquet in a folder."""
     device: str = "auto"
     """Where the policy runs: cpu, cuda, or auto (cuda if there is one)."""
     sampler: str = "DDIM"
@@ -99,6 +99,11 @@ class ScalesConfig:
         for seed in self.seeds:
             self.run(seed)
 
+    @property
+    def folder(self) -> Path:
+        """Of the arm in this setting."""
+        return arm_folder(self.output_dir, self.robot.name, self.setting)
+
     def run(self, seed: int) -> RunConfig:
         """Settings of direct transfer with the policy of one training seed."""
         names = {each.name for each in fields(RunConfig)} - {"seed"}
@@ -117,14 +122,14 @@ def main(config: ScalesConfig) -> None:
     from benchmark.run import make_rollout
     from policies.guidance import make_guidance
 
-    console, output_dir = Console(), Path(config.output_dir)
+    console, folder = Console(), config.folder
     console.print(budget(config))
     direct = [
         make_rollout(config.run(seed), 0.0, folder, console) for seed, folder in zip(config.seeds, folders, strict=True)
     ]
     fields = method_fields(config, console)
     table = scale_table(sweep(config, direct, fields, console))
-    with replacing(output_dir / "scales.md") as path:
+    with replacing(folder / "scales.md") as path:
         path.write_text(markdown(table))
 
     arm = table[(table[ARM] == [getattr(direct[0].condition, name) for name in ARM]).all(axis=1)]
@@ -140,12 +145,26 @@ def main(config: ScalesConfig) -> None:
     }
     for name, figure in figures.items():
         for ending in ("svg", "png"):
-            file = output_dir / "figures" / f"{config.robot.name}_{config.setting}_{name}.{ending}"
+            file = folder / "figures" / f"{name}.{ending}"
             with replacing(file) as path:
                 figure.savefig(path, dpi=100)
             console.print(f"Figure: {file}", soft_wrap=True)
     console.print(shown(arm[arm.chosen]).to_markdown(index=False), soft_wrap=True, markup=False)
-    console.print(f"Table: {output_dir / 'scales.md'}", soft_wrap=True)
+    console.print(f"Table: {folder / 'scales.md'}", soft_wrap=True)
+
+
+def arm_folder(output_dir: str, robot: str, setting: str) -> Path:
+    """Where an arm's scales are, in a setting."""
+    return Path(output_dir) / f"{robot}-{setting}"
+
+
+def read_methods(folder: Path, columns: list[str] | None = None) -> "pd.DataFrame":
+    """All episodes of an arm's folder, whatever the method; an empty table if there are none."""
+    import pandas as pd
+
+    from benchmark.results import read_episodes
+
+    return pd.concat([read_episodes(folder / method, columns) for method in METHODS], ignore_index=True)
 
 
 def scales(method: str, points: int) -> list[float]:
@@ -198,10 +217,9 @@ def sweep(
     """Direct transfer and then level by level the next scale of every method that has not collapsed.
 
     Returns:
-        These episodes of all arms and methods in the table, as far as this version of the code produced them.
+        These episodes of all methods in the arm's folder, as far as this version of the code produced them.
     """
     from benchmark.code_version import code_version
-    from benchmark.results import read_episodes
 
     reference = run_points({"direct": direct}, config, "Direct transfer", console)["direct"]
     going = {method: scales(method, config.points) for method in config.methods}
@@ -213,7 +231,7 @@ def sweep(
         }
         rates = run_points(points, config, f"Scale {level + 1} of at most {config.points}", console)
         going = {method: going[method] for method, rate in rates.items() if rate >= COLLAPSE * reference}
-    table = read_episodes(Path(config.output_dir))
+    table = read_methods(config.folder)
     return table[(table.code_version == code_version()) & table.episode_seed.isin(episode_seeds(config))]
 
 
@@ -227,13 +245,13 @@ def run_points(
 ) -> dict[str, float]:
     """Roll out what is not stored of some methods, each with all checkpoints, and give their p2."""
     from benchmark.progress import progress_bar
-    from benchmark.results import episodes_of, read_episodes, store_episodes
+    from benchmark.results import episodes_of, store_episodes
     from benchmark.rollout import roll_out_all
 
-    output_dir, seeds = Path(config.output_dir), episode_seeds(config)
+    folder, seeds = config.folder, episode_seeds(config)
 
     def stored() -> "dict[Rollout, pd.DataFrame]":
-        table = read_episodes(output_dir)
+        table = read_methods(folder)
         table = table if table.empty else table[table.episode_seed.isin(seeds)]
         return {rollout: episodes_of(table, rollout.condition) for group in points.values() for rollout in group}
 
@@ -243,7 +261,7 @@ def run_points(
     with progress_bar(console) as progress:
         task = progress.add_task(name, total=len(jobs) * len(seeds), completed=len(jobs) * len(seeds) - total)
         for episodes in roll_out_all(jobs, config.workers):
-            store_episodes(output_dir, episodes)
+            store_episodes(folder / episodes[0].condition.method, episodes)
             progress.advance(task, len(episodes))
     after = stored()
     return {method: sum(after[rollout].p2.mean() for rollout in group) / len(group) for method, group in points.items()}
@@ -299,14 +317,15 @@ def chosen_scale(config: RunConfig) -> float:
     console, direct = Console(quiet=True), replace(config, guidance_scale=0.0)
     condition = make_rollout(direct, 0.0, chosen_checkpoint(direct), console).condition
     arm = tuple(getattr(condition, name) for name in ARM)
-    chosen = _chosen(Path(config.scales_dir), condition.code_version).get((*arm, config.method), {})
+    folder = arm_folder(config.scales_dir, config.robot.name, config.setting)
+    chosen = _chosen(folder, condition.code_version).get((*arm, config.method), {})
     if chosen:
         field, _ = guidance_field(METHODS[config.method].field, chosen_arm(config), config, console)
         fingerprint = field.about["fingerprint"] if field else ""
         if fingerprint in chosen:
             return chosen[fingerprint]
     raise SettingError(
-        f"lambda=null: {config.scales_dir} has no scale of method={config.method} for {config.robot.name}, "
+        f"lambda=null: {folder} has no scale of method={config.method} for {config.robot.name}, "
         f"{config.setting}{' with the field of these settings' if chosen else ''}. Choose one: python -m "
         f"benchmark.scales robot={config.robot.name} setting={config.setting} methods=[{config.method}], or give "
         "lambda."
@@ -316,10 +335,8 @@ def chosen_scale(config: RunConfig) -> float:
 @cache
 def _chosen(folder: Path, code_version: str) -> dict[tuple, dict[str, float]]:
     """The chosen scales by arm and method, and by field, from the validation episodes of one version of the code."""
-    from benchmark.results import read_episodes
-
     columns = [*ARM, *METHOD, "lambda", "checkpoint_hash", "episode_seed", "p2", "score", "code_version"]
-    episodes = read_episodes(folder, columns)
+    episodes = read_methods(folder, columns)
     if episodes.empty:
         return {}
     episodes = episodes[(episodes.code_version == code_version) & episodes.episode_seed.between(50_000, 59_999)]

@@ -133,8 +133,9 @@ def scales(folder, condition):
         for seed, p2 in enumerate(both, 50_000)
     ]
     rows.append(rows[-1] | {"episode_seed": 100_000, "lambda": 0.08, "p2": 1})  # no validation episode
-    folder.mkdir()
-    pd.DataFrame(rows).to_parquet(folder / "episodes.parquet")
+    for name, of_method in pd.DataFrame(rows).groupby("method"):
+        (folder / "ur3-embodied" / name).mkdir(parents=True)
+        of_method.to_parquet(folder / "ur3-embodied" / name / "episodes.parquet")
     return str(folder)
 
 
