@@ -242,14 +242,14 @@ def chunk_speeds(
         name: 0.2 + 0.3 * torch.rand(environments, plain.config.n_obs_steps, width, generator=generator)
         for name, width in (("observation.state", 4), ("observation.environment_state", 12))
     }
-    noise = episode_noise(range(environments), 0, plain.noise_shape)
+    noise = [episode_noise(range(environments), 0, policy.noise_shape) for policy in (plain, guided)]
     calls = 100 // plain.diffusion.num_inference_steps
     wall, processor = np.empty((2, repeats + 1, 2))  # The first turn warms up.
     with torch.inference_mode():
         for turn, (i, policy) in product(range(repeats + 1), enumerate((plain, guided))):
             start = perf_counter(), process_time()
             for _ in range(calls):
-                policy.predict_action_chunk(batch, noise)
+                policy.predict_action_chunk(batch, noise[i])
             wall[turn, i], processor[turn, i] = perf_counter() - start[0], process_time() - start[1]
     least, ratio = wall[1:].min(0) / calls, processor[1:, 1] / processor[1:, 0]
     return [

@@ -1,14 +1,15 @@
 """Success against the scale of guidance, arm by arm and method by method, with intervals.
 
 python -m benchmark.lambda_curves
+python -m benchmark.lambda_curves recipe=clean
 """
 
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.command import SettingError, run_command
-from benchmark.config import FIRST_TEST_SEED, TASK_ARMS
+from benchmark.command import SettingError, check_setting, run_command
+from benchmark.config import FIRST_TEST_SEED, RECIPES, TASK_ARMS
 from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
@@ -23,8 +24,14 @@ NAMES = {"score": "Score", "p2": "Both blocks placed (p2)"}
 class LambdaCurvesConfig:
     """Draws score and p2 against lambda from the stored test episodes of the paper's protocol, beside its figures."""
 
+    recipe: str = "robust"
+    """Whose episodes are drawn (see benchmark.leaderboard)."""
     output_dir: str = "results"
-    """Folder below which every episodes.parquet is read; figures/success_against_lambda.svg and .png go to it."""
+    """Folder below which every episodes.parquet is read; figures/success_against_lambda.svg and .png go to it, for
+    clean to figures/clean."""
+
+    def __post_init__(self) -> None:
+        check_setting(self.recipe in RECIPES, "recipe", self.recipe, ", ".join(RECIPES))
 
 
 def main(config: LambdaCurvesConfig) -> None:
@@ -34,7 +41,7 @@ def main(config: LambdaCurvesConfig) -> None:
     from benchmark.trusted_rows import read_all_episodes
 
     (paper,) = [protocol for protocol in PROTOCOLS if protocol.name == "paper"]
-    episodes = counted(read_all_episodes(Path(config.output_dir), FIRST_TEST_SEED), paper, shipped())
+    episodes = counted(read_all_episodes(Path(config.output_dir), FIRST_TEST_SEED), paper, shipped(config.recipe))
     if not len(episodes):
         raise SettingError(
             f"There are no test episodes of the paper's protocol under {config.output_dir}. Make some: "
@@ -42,7 +49,8 @@ def main(config: LambdaCurvesConfig) -> None:
         )
     figure = curves(leaderboard(episodes, paper))
     for ending in ("svg", "png"):
-        file = Path(config.output_dir, "figures", f"success_against_lambda.{ending}")
+        folder = Path(config.output_dir, "figures", "" if config.recipe == "robust" else config.recipe)
+        file = folder / f"success_against_lambda.{ending}"
         with replacing(file) as path:
             figure.savefig(path, dpi=150)
         print(file)

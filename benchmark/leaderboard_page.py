@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.config import TASK_ARMS
-from benchmark.leaderboard_text import PROTOCOL_TEXTS, setting_text
+from benchmark.leaderboard_text import DEMONSTRATIONS, PROTOCOL_TEXTS, setting_text
 from benchmark.published import TABLE_3
 
 if TYPE_CHECKING:
@@ -21,12 +21,13 @@ PICTURES = 4
 """Most moving pictures of an arm."""
 
 
-def page(tables: "dict[Protocol, pd.DataFrame]", figures: Path) -> str:
+def page(tables: "dict[Protocol, pd.DataFrame]", figures: Path, recipe: str = "robust") -> str:
     """The page.
 
     Args:
         tables: The leaderboard of each protocol.
         figures: Folder of moving pictures, `<arm>-<setting>-<method and scale>-<seed>.gif` (`benchmark.record`).
+        recipe: Of the policies.
     """
     rows = [
         row | {"protocol": protocol.name, "setting_text": setting_text(row)}
@@ -44,7 +45,7 @@ def page(tables: "dict[Protocol, pd.DataFrame]", figures: Path) -> str:
         "published": {robot: asdict(published) for robot, published in TABLE_3.items()},
         "pictures": pictures(figures),
         "about": f"{sum(row['n'] for row in rows):,} episodes on test seeds from 100000 on; code version "
-        f"{', '.join(versions)}; commit {', '.join(commits)}.",
+        f"{', '.join(versions)}; commit {', '.join(commits)}. Policies learned from {DEMONSTRATIONS[recipe]}.",
     }
     return TEMPLATE.read_text().replace("{{data}}", json.dumps(data).replace("<", "\\u003c"))
 

@@ -16,9 +16,10 @@ if TYPE_CHECKING:
 
 TEXT = """# Leaderboard
 
-Made by `python -m benchmark.leaderboard` from the stored episodes alone. With filters, curves and moving pictures:
-[`leaderboard.html`](leaderboard.html).
+Made by `{command}` from the stored episodes alone. With filters, curves and moving pictures:
+[`{page}`]({page}).
 
+- **Policies** learned from {demonstrations}.
 - **Episodes**: test seeds from 100000 on, by which nothing was chosen; the same for all arms, methods and scales.
 - **Scores**, in percent: `score` is 0.49 for some block in a target and 1 for both; `p2` is both in different targets
   at one moment; `success_at_end` is both still there one second later.
@@ -38,14 +39,20 @@ Made by `python -m benchmark.leaderboard` from the stored episodes alone. With f
   entries. Other code versions have sections, and Holm families, of their own.
 """
 
+DEMONSTRATIONS = {
+    "robust": "demonstrations most of which were disturbed on purpose, the paper's from undisturbed ones",
+    "clean": "1,000 undisturbed demonstrations alone, like the paper's",
+    "pair": "demonstrations most of which were disturbed on purpose, and see the oracle's own geometry",
+}
+"""What the policies of a recipe learned from."""
+
 PROTOCOL_TEXTS = {
     "paper": "Setting `original` (just the arm swapped). First 50 test seeds, three policies of each training seed.",
     "strict": "Settings `embodied` and `best`. First 500 test seeds, the best checkpoint of each training seed.",
 }
 
 PAPER_TEXT = """Score, mean over nine policies (* over fewer), and their least and most. Which λ the paper's guided
-column is of, it does not say; ours is the whole curve, from its lowest to its highest point. Our policies learned from
-demonstrations most of which were disturbed on purpose, the paper's from clean ones."""
+column is of, it does not say; ours is the whole curve, from its lowest to its highest point."""
 
 ARM_CHANGED_TEXT = """Direct transfer with the base where the arm's own map puts it (`best`), or with another weight of
 orientation in the inverse kinematics, so that the tool may lean, minus direct transfer on the arm of the setting
@@ -58,9 +65,12 @@ of steps within 0.235 m of the base axis; *rectangle*: in the paper's dangerous 
 beyond 0.54 m."""
 
 
-def markdown(tables: "dict[Protocol, pd.DataFrame]") -> str:
-    """The leaderboards of all protocols as one document."""
-    parts = [TEXT]
+def markdown(tables: "dict[Protocol, pd.DataFrame]", recipe: str = "robust") -> str:
+    """The leaderboards of all protocols as one document, of the policies of a recipe."""
+    command, html = "python -m benchmark.leaderboard", "leaderboard.html"
+    if recipe != "robust":
+        command, html = f"{command} recipe={recipe}", f"leaderboard-{recipe}.html"
+    parts = [TEXT.format(command=command, page=html, demonstrations=DEMONSTRATIONS[recipe])]
     for protocol, table in tables.items():
         table = in_order(table, protocol)
         parts += [f"## Protocol `{protocol.name}`", PROTOCOL_TEXTS[protocol.name]]

@@ -58,7 +58,7 @@ def counted(episodes: "pd.DataFrame", protocol: Protocol, ours: set[str]) -> "pd
     counts &= episodes.batch_shape == protocol.slots
     of_ours = episodes.checkpoint_hash.isin(ours)
     if protocol.best_only:
-        of_ours &= ~episodes.checkpoint.str.fullmatch(r"seed\d+-([2-9]|\d\d+)")
+        of_ours &= ~episodes.checkpoint.str.fullmatch(r"(\w+-)?seed\d+-([2-9]|\d\d+)")
     return episodes[counts & (of_ours | (episodes.entry_hash != ""))]
 
 

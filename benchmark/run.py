@@ -11,9 +11,9 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.checkpoint import GUIDED, Checkpoint
+from benchmark.checkpoint import GUIDED, Checkpoint, policy_prefix
 from benchmark.command import SettingError, run_command
-from benchmark.config import EnergyConfig, MapConfig, RobotConfig, RunConfig
+from benchmark.config import RECIPES, EnergyConfig, MapConfig, RobotConfig, RunConfig
 from policies.methods import METHODS
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 CHECKPOINTS = [
     Path(__file__).parents[1] / "results" / "checkpoints",
-    Path("outputs") / "source_policies" / "robust",
+    *(Path("outputs") / "source_policies" / recipe for recipe in RECIPES),
     Path("outputs") / "checkpoints",
 ]
 """Where checkpoints are looked for: those that ship, and those that `benchmark.source_policies` and `benchmark.train`
@@ -76,7 +76,7 @@ def chosen_checkpoint(config: RunConfig) -> Path:
         SettingError: If there is none, or it cannot be guided and should be.
     """
     if not config.policy:
-        return checkpoint_folder(config.seed, config.checkpoint)
+        return checkpoint_folder(config.seed, config.checkpoint, config.recipe)
     checkpoint = Checkpoint.from_path(config.policy)
     if checkpoint.type != GUIDED and config.guidance_scale > 0:
         raise SettingError(
@@ -86,26 +86,32 @@ def chosen_checkpoint(config: RunConfig) -> Path:
     return checkpoint.folder
 
 
-def checkpoint_folder(seed: int, rank: int = 1) -> Path:
-    """Folder of the checkpoint of this rank with this training seed.
+def checkpoint_folder(seed: int, rank: int = 1, recipe: str = "robust") -> Path:
+    """Folder of the checkpoint of this rank with this training seed, of this recipe.
 
     Raises:
         SettingError: If there is none.
     """
+    name = f"{policy_prefix(recipe)}seed{seed}-{rank}"
     for root in CHECKPOINTS:
-        folder = root / f"seed{seed}-{rank}"
+        folder = root / name
         if (folder / "model.safetensors").exists():
             return folder
-    there = {file.parent.name for root in CHECKPOINTS for file in root.glob("seed*-*/model.safetensors")}
+    there = {folder.name for root in CHECKPOINTS for folder in policies_in(root, recipe)}
     raise SettingError(
-        f"seed={seed} checkpoint={rank} is not there. Trained: {', '.join(sorted(there))}. "
-        f"Train more: python -m benchmark.source_policies seeds=[{seed}]"
+        f"recipe={recipe} seed={seed} checkpoint={rank} is not there. Trained: {', '.join(sorted(there)) or 'none'}. "
+        f"Train more: python -m benchmark.source_policies recipe={recipe} seeds=[{seed}]"
     )
 
 
-def shipped() -> set[str]:
-    """Hashes of the weights of the policies that ship with the project."""
-    return {Checkpoint(file.parent).weights_hash for file in CHECKPOINTS[0].glob("*/model.safetensors")}
+def policies_in(folder: Path, recipe: str) -> list[Path]:
+    """Folders of a recipe's policies in a folder."""
+    return [file.parent for file in folder.glob(f"{policy_prefix(recipe)}seed*-*/model.safetensors")]
+
+
+def shipped(recipe: str = "robust") -> set[str]:
+    """Hashes of the weights of a recipe's policies that ship with the project."""
+    return {Checkpoint(folder).weights_hash for folder in policies_in(CHECKPOINTS[0], recipe)}
 
 
 def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Console") -> "Rollout":

@@ -65,6 +65,8 @@ class ScalesConfig:
     """Most scales of a method, each twice the one before; it ends sooner when the policy collapses. From 1 to 16."""
     seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
     """Training seeds, whole numbers >= 0; one checkpoint of each is rolled out."""
+    recipe: str = "robust"
+    """What the policies learned from (see benchmark.run)."""
     checkpoint: int = 1
     """Which of each seed's checkpoints, by rank on the validation episodes, from 1."""
     episodes: int = 50
@@ -74,7 +76,7 @@ class ScalesConfig:
     setting: str = "embodied"
     """What the arm may do (see benchmark.run)."""
     output_dir: str = "results/scales"
-    """In its folder <robot>-<setting>: scales.md, the figures, and each method's episodes.parquet in a folder."""
+    """In its folder <recipe>/<robot>-<setting>: scales.md, figures, and each method's episodes.parquet in a folder."""
     device: str = "auto"
     """Where the policy runs: cpu, cuda, or auto (cuda if there is one)."""
     sampler: str = "DDIM"
@@ -101,8 +103,8 @@ class ScalesConfig:
 
     @property
     def folder(self) -> Path:
-        """Of the arm in this setting."""
-        return arm_folder(self.output_dir, self.robot.name, self.setting)
+        """Of the recipe's policies on the arm in this setting."""
+        return arm_folder(self.output_dir, self.recipe, self.robot.name, self.setting)
 
     def run(self, seed: int) -> RunConfig:
         """Settings of direct transfer with the policy of one training seed."""
@@ -114,7 +116,7 @@ def main(config: ScalesConfig) -> None:
     """Print the budget, roll out every scale that is not stored yet, and write table and figures."""
     from benchmark.run import checkpoint_folder
 
-    folders = [checkpoint_folder(seed, config.checkpoint) for seed in config.seeds]
+    folders = [checkpoint_folder(seed, config.checkpoint, config.recipe) for seed in config.seeds]
     from rich.console import Console
 
     from benchmark.field_sensitivity import demonstrated_path
@@ -153,9 +155,9 @@ def main(config: ScalesConfig) -> None:
     console.print(f"Table: {folder / 'scales.md'}", soft_wrap=True)
 
 
-def arm_folder(output_dir: str, robot: str, setting: str) -> Path:
-    """Where an arm's scales are, in a setting."""
-    return Path(output_dir) / f"{robot}-{setting}"
+def arm_folder(output_dir: str, recipe: str, robot: str, setting: str) -> Path:
+    """Where the scales of a recipe's policies are, on an arm in a setting."""
+    return Path(output_dir) / recipe / f"{robot}-{setting}"
 
 
 def read_methods(folder: Path, columns: list[str] | None = None) -> "pd.DataFrame":
@@ -317,7 +319,7 @@ def chosen_scale(config: RunConfig) -> float:
     console, direct = Console(quiet=True), replace(config, guidance_scale=0.0)
     condition = make_rollout(direct, 0.0, chosen_checkpoint(direct), console).condition
     arm = tuple(getattr(condition, name) for name in ARM)
-    folder = arm_folder(config.scales_dir, config.robot.name, config.setting)
+    folder = arm_folder(config.scales_dir, config.recipe, config.robot.name, config.setting)
     chosen = _chosen(folder, condition.code_version).get((*arm, config.method), {})
     if chosen:
         field, _ = guidance_field(METHODS[config.method].field, chosen_arm(config), config, console)
@@ -327,8 +329,8 @@ def chosen_scale(config: RunConfig) -> float:
     raise SettingError(
         f"lambda=null: {folder} has no scale of method={config.method} for {config.robot.name}, "
         f"{config.setting}{' with the field of these settings' if chosen else ''}. Choose one: python -m "
-        f"benchmark.scales robot={config.robot.name} setting={config.setting} methods=[{config.method}], or give "
-        "lambda."
+        f"benchmark.scales robot={config.robot.name} setting={config.setting} recipe={config.recipe} "
+        f"methods=[{config.method}], or give lambda."
     )
 
 

@@ -10,9 +10,10 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from benchmark.checkpoint import policy_prefix
 from benchmark.collect import CollectConfig
 from benchmark.command import SettingError, check_setting, run_command
-from benchmark.config import RobotConfig, RunConfig, WandbConfig, check_folder, check_seeds
+from benchmark.config import RECIPES, RobotConfig, RunConfig, WandbConfig, check_folder, check_seeds
 from benchmark.outputs import replacing
 from benchmark.train import TrainConfig
 
@@ -32,7 +33,7 @@ class Recipe:
 
 CLEAN = CollectConfig(share_noise=0, share_bursts=0, share_wide=0, share_crowded=0, output_dir="demonstrations/clean")
 
-RECIPES = {
+OF_RECIPE = {
     "robust": Recipe(CollectConfig()),
     "pair": Recipe(CollectConfig(), {"features": "pair"}),
     "clean": Recipe(CLEAN, {"displacement": 0.005, "n_obs_steps": 1}),
@@ -85,11 +86,6 @@ class SourcePoliciesConfig:
         check_folder(self.output_dir)
 
     @property
-    def prefix(self) -> str:
-        """What tells the names of this recipe's policies from those that ship."""
-        return "" if self.recipe == "robust" else f"{self.recipe}-"
-
-    @property
     def folder(self) -> Path:
         """Where checkpoints, the table and the validation episodes go."""
         return Path(self.output_dir) / self.recipe
@@ -103,7 +99,7 @@ def main(config: SourcePoliciesConfig) -> None:
 
     console = Console()
     train_all(trainings(config), config.workers)
-    table = ranking(validate(config, console), config.best, config.prefix)
+    table = ranking(validate(config, console), config.best, config.recipe)
     publish(table, config)
     log_validation(table, config)
     with replacing(config.folder / "candidates.md") as path:
@@ -119,8 +115,8 @@ def trainings(config: SourcePoliciesConfig) -> list[TrainConfig]:
             steps=config.steps,
             device=config.device,
             keep=config.candidates,
-            policy={**RECIPES[config.recipe].policy, **config.policy},
-            demonstrations=RECIPES[config.recipe].demonstrations,
+            policy={**OF_RECIPE[config.recipe].policy, **config.policy},
+            demonstrations=OF_RECIPE[config.recipe].demonstrations,
             output_dir=str(config.folder / "candidates"),
             wandb=config.wandb,
         )
@@ -158,16 +154,13 @@ def validate(config: SourcePoliciesConfig, console: "Console") -> "pd.DataFrame"
     )
 
 
-def ranking(candidates: "pd.DataFrame", best: int, prefix: str = "") -> "pd.DataFrame":
-    """Each seed's candidates by p2, then score, then shortness; the best get their name in the column `checkpoint`.
-
-    The name begins with `prefix`.
-    """
+def ranking(candidates: "pd.DataFrame", best: int, recipe: str = "robust") -> "pd.DataFrame":
+    """Each seed's candidates by p2, then score, then shortness; the best get their name in the column `checkpoint`."""
     table = candidates.sort_values(
         ["seed", "p2", "score", "length", "step"], ascending=[True, False, False, True, False], ignore_index=True
     )
     rank = table.groupby("seed").cumcount() + 1
-    named = f"{prefix}seed" + table.seed.astype(str) + "-" + rank.astype(str)
+    named = f"{policy_prefix(recipe)}seed" + table.seed.astype(str) + "-" + rank.astype(str)
     return table.assign(checkpoint=named.where(rank <= best, ""))
 
 

@@ -10,7 +10,7 @@ from envs import ENVIRONMENTS
 from policies.modeling_guided_push import GuidedPushPolicy
 from policies.noise import episode_noise
 
-CHECKPOINTS = sorted((Path(__file__).parents[1] / "results" / "checkpoints").glob("seed*"))
+CHECKPOINTS = sorted((Path(__file__).parents[1] / "results" / "checkpoints").glob("*seed*-*"))
 
 
 @pytest.mark.parametrize("checkpoint", CHECKPOINTS, ids=lambda path: path.name)

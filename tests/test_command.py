@@ -24,7 +24,7 @@ BAD = {
     "episodes=2.5": "a whole number >= 1",
     "setting=virtual": "Allowed: original, embodied, best",
     "device=tpu": "Allowed: cpu, cuda, auto",
-    "seed=7": "seed=7 checkpoint=1 is not there. Trained: seed42-1",
+    "seed=7": "recipe=robust seed=7 checkpoint=1 is not there. Trained: seed42-1",
     "checkpoint=0": "Allowed: a whole number >= 1",
     "policy=nowhere": "policy=nowhere is no LeRobot checkpoint: it lacks config.json and model.safetensors",
     "map.cel_size=1": "Did you mean 'map.cell_size'?",

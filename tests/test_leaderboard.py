@@ -178,7 +178,7 @@ def test_two_policies_of_one_name_are_not_mixed(transfer_episodes):
 
 
 def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(transfer_episodes, tmp_path, monkeypatch):
-    monkeypatch.setattr(run, "shipped", lambda: OURS)
+    monkeypatch.setattr(run, "shipped", lambda recipe: OURS)
     config = dataclasses.replace(LeaderboardConfig(), output_dir=str(tmp_path))
     with pytest.raises(SettingError, match="There are no test episodes"):
         main(config)
@@ -197,6 +197,11 @@ def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(transf
     assert "pull-back (entry)" in text and "## Protocol `paper`" in text and "## Protocol `strict`" in text
     first = (tmp_path / "leaderboard.html").read_text()
     assert "{{data}}" not in first and "http://www.w3.org/2000/svg" in first
+    main(dataclasses.replace(config, recipe="clean"))  # Entries stand in the other one.
+    of_clean = (tmp_path / "LEADERBOARD-clean.md").read_text()
+    assert "pull-back" not in of_clean and "[`leaderboard-clean.html`]" in of_clean
+    assert "undisturbed demonstrations alone" in (tmp_path / "leaderboard-clean.html").read_text()
+    assert "pull-back" in (tmp_path / "LEADERBOARD.md").read_text()
     shutil.rmtree(tmp_path / "entries")
     main(config)
     assert "pull-back" not in (tmp_path / "LEADERBOARD.md").read_text()
@@ -209,9 +214,10 @@ def test_what_is_run_by_a_protocol_is_what_counts(protocol):
     assert given.setting in protocol.settings and given.get("slots", RunConfig().slots) == protocol.slots
 
 
-def test_nine_policies_ship_and_rows_of_them_are_stored():
-    rows = read_episodes(Path("results/transfer/ur3-original"), ["checkpoint_hash"])
-    assert shipped() == {*rows.checkpoint_hash} and len(shipped()) == 9
+@pytest.mark.parametrize("recipe", ["robust", "clean"])
+def test_nine_policies_ship_and_rows_of_them_are_stored(recipe):
+    rows = read_episodes(Path("results/transfer", recipe, "ur3-original"), ["checkpoint_hash"])
+    assert shipped(recipe) == {*rows.checkpoint_hash} and len(shipped(recipe)) == 9
 
 
 def test_the_curves_pass_through_the_table(boards):

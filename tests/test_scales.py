@@ -80,14 +80,14 @@ def test_a_sweep_ends_where_the_policy_collapses_and_all_points_share_their_epis
     assert "19 points (direct transfer and 2 methods) x 1 checkpoints x 4 episodes = 76 episodes" in " ".join(
         capsys.readouterr().out.split()
     )
-    table = scales.read_methods(tmp_path / "ur3-embodied")
+    table = scales.read_methods(tmp_path / "robust" / "ur3-embodied")
     for method in ("away", "towards"):
         assert sorted(table[table.method == method]["lambda"].unique()) == [0.0125, 0.025, 0.05, 0.1]
     points = table.groupby(["method", "lambda"]).episode_seed.agg(sorted)
     assert all(seeds == [50_000, 50_001, 50_002, 50_003] for seeds in points)
-    assert "| towards" in (tmp_path / "ur3-embodied" / "scales.md").read_text()
+    assert "| towards" in (tmp_path / "robust" / "ur3-embodied" / "scales.md").read_text()
     for name in ("success_against_scale", "fields"):
-        image = np.asarray(Image.open(tmp_path / "ur3-embodied" / "figures" / f"{name}.png").convert("L"))
+        image = np.asarray(Image.open(tmp_path / "robust" / "ur3-embodied" / "figures" / f"{name}.png").convert("L"))
         assert min(image.shape) > 200 and image.std() > 5  # no blank page
 
 

@@ -4,8 +4,16 @@ import pandas as pd
 import pytest
 
 from benchmark.command import SettingError
-from benchmark.config import WandbConfig
-from benchmark.source_policies import SourcePoliciesConfig, log_validation, markdown, publish, ranking, trainings
+from benchmark.config import RECIPES, WandbConfig
+from benchmark.source_policies import (
+    OF_RECIPE,
+    SourcePoliciesConfig,
+    log_validation,
+    markdown,
+    publish,
+    ranking,
+    trainings,
+)
 
 
 def candidates(folder, *scores):
@@ -35,9 +43,8 @@ def test_the_best_are_ranked_by_p2_then_score_then_length(tmp_path):
 
 
 def test_policies_of_other_recipes_never_go_by_the_name_of_one_that_ships(tmp_path):
-    prefix = SourcePoliciesConfig(recipe="clean").prefix
-    table = ranking(candidates(tmp_path, (0.9, 0.95, 100), (1.0, 1.0, 120)), 1, prefix)
-    assert table.checkpoint.tolist() == ["clean-seed42-1", ""] and not SourcePoliciesConfig().prefix
+    table = ranking(candidates(tmp_path, (0.9, 0.95, 100), (1.0, 1.0, 120)), 1, "clean")
+    assert table.checkpoint.tolist() == ["clean-seed42-1", ""]
 
 
 def test_the_best_are_published_under_their_names_with_their_figures(tmp_path, config):
@@ -102,3 +109,7 @@ def test_candidates_are_the_same_policy_whatever_is_kept(tmp_path):
     kept, last = (SourcePoliciesConfig(candidates=steps, best=1) for steps in ([8000, 9000], [9000]))
     assert trainings(kept)[0].states == trainings(last)[0].states
     assert trainings(kept)[0].checkpoints[9000] == trainings(last)[0].checkpoints[9000]
+
+
+def test_every_recipe_that_can_be_asked_for_can_be_made():
+    assert set(OF_RECIPE) == set(RECIPES)

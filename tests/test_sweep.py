@@ -67,7 +67,7 @@ def test_the_transfer_table_is_nine_models_on_four_arms():
     assert scales == [0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1]
     assert len(of_one) == 1 + 3 * 11 and 9 * sum(job.episodes for job in of_one) == 15_300
     assert {(job.setting, job.episodes, job.seed_start) for job in of_one} == {("original", 50, 100_000)}
-    assert {job.output_dir for job in of_one if job.robot.name == "ur3"} == {"results/transfer/ur3-original"}
+    assert {job.output_dir for job in of_one if job.robot.name == "ur3"} == {"results/transfer/robust/ur3-original"}
 
 
 def test_the_methods_are_compared_by_the_strict_protocol():
@@ -84,7 +84,7 @@ def test_the_methods_are_compared_by_the_strict_protocol():
 def test_the_command_line_narrows_an_experiment():
     (one,) = jobs("experiment=transfer", "robot=ur3", "seed=43", "checkpoint=2", "lambda=4", "setting=embodied")
     assert (one.robot.name, one.seed, one.checkpoint, one.guidance_scale) == ("ur3", 43, 2, 4)
-    assert (one.setting, one.output_dir) == ("embodied", "results/transfer/ur3-embodied")
+    assert (one.setting, one.output_dir) == ("embodied", "results/transfer/robust/ur3-embodied")
     two = jobs("experiment=methods", "robot=ur5", "setting=best", "seed=44", "method=direct,projection")
     assert [job.method for job in two] == ["direct", "projection"]
 
@@ -134,8 +134,8 @@ def scales(folder, condition):
     ]
     rows.append(rows[-1] | {"episode_seed": 100_000, "lambda": 0.08, "p2": 1})  # no validation episode
     for name, of_method in pd.DataFrame(rows).groupby("method"):
-        (folder / "ur3-embodied" / name).mkdir(parents=True)
-        of_method.to_parquet(folder / "ur3-embodied" / name / "episodes.parquet")
+        (folder / "robust" / "ur3-embodied" / name).mkdir(parents=True)
+        of_method.to_parquet(folder / "robust" / "ur3-embodied" / name / "episodes.parquet")
     return str(folder)
 
 
