@@ -22,6 +22,9 @@ def overreach(
 ) -> Float[np.ndarray, "b 2 2"]:
     """For each block with each target the farthest that the pusher gets beyond the border, in [m]; 0 if never.
 
+    A place outside of the field, where a block may be thrown, is as far beyond the border as the field's nearest place
+    and then the way from there.
+
     Args:
         distance: Signed distance to the border, in [m], as `policies.feasibility.distance_field` makes it.
         blocks: Centres, world frame, in [m].
@@ -36,5 +39,7 @@ def overreach(
     along = np.concatenate([np.full_like(length, -APPROACH), pushed - CONTACT], axis=-1)
     points = np.full((*along.shape, 3), height)
     points[..., :2] = blocks[:, :, None, None] + along[..., None] * heading[..., None, :]
-    outside, _ = distance.value_and_gradient(points.reshape(-1, 3))
-    return np.maximum(outside.reshape(along.shape).max(-1) + margin, 0)
+    nearest = points.clip(*(np.array([axis[end] for axis in distance.grid.axes()]) for end in (0, -1)))
+    outside, _ = distance.value_and_gradient(nearest.reshape(-1, 3))
+    beyond = outside.reshape(along.shape) + np.linalg.norm(points - nearest, axis=-1)
+    return np.maximum(beyond.max(-1) + margin, 0)

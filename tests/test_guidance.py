@@ -304,3 +304,13 @@ def test_the_shown_scene_is_what_the_policy_acts_on(distance):
 
     assert torch.equal(act(real, guidance), act(shown, None))
     assert not torch.equal(act(real, guidance), act(real, None))
+
+
+def test_a_block_that_was_thrown_off_the_field_is_left_for_later(distance):
+    """As far beyond reach as it lies, at least: the way to it leads over the border and the field's edge."""
+    blocks, targets = np.array([[[0.35, -0.2], [2.0, 1.5]]]), np.array([[[0.28, 0.2], [0.52, 0.2]]])
+    found = overreach(distance, blocks, targets, 0.0, 0.06)[0, 1]
+    assert (found > np.linalg.norm(blocks[0, 1] - BASE) - OUTER - 0.01).all() and (found < 3).all()
+    real = scene(*blocks[0])
+    shown = Reorder(distance, 0.0).imagine(real, torch.tensor([[0.3, -0.4, 0.3, -0.4]]))
+    assert (shown != real).all(1)[0].nonzero().flatten().tolist() == [3, 4]
