@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from benchmark.arm import arm_columns
 from benchmark.published import TABLE_3
 from benchmark.ranking import ARM
 from benchmark.scores import causes_text, difference_text, with_interval
-from envs.arms import ORIENTATION_WEIGHT
+from envs.arms import arm_setting
 
 if TYPE_CHECKING:
     from benchmark.ranking import Protocol
@@ -54,9 +55,9 @@ PROTOCOL_TEXTS = {
 PAPER_TEXT = """Score, mean over nine policies (* over fewer), and their least and most. Which λ the paper's guided
 column is of, it does not say; ours is the whole curve, from its lowest to its highest point."""
 
-ARM_CHANGED_TEXT = """Direct transfer with the base where the arm's own map puts it (`best`), or with another weight of
-orientation in the inverse kinematics, so that the tool may lean, minus direct transfer on the arm of the setting
-`embodied`: same policies, same episodes, in points; intervals and p as above."""
+ARM_CHANGED_TEXT = """Direct transfer with the base where the arm's own map puts it (`best`), with the wrist in the
+other branch, or with another weight of orientation in the inverse kinematics, so that the tool may lean, minus direct
+transfer on the arm of the setting `embodied`: same policies, same episodes, in points; intervals and p as above."""
 
 MECHANISM_TEXT = """In percent, then the difference to direct transfer in points. *Farther first*: of episodes in which
 a block entered a target, those in which the first one entered the farther target. *Order changed*: of episodes in which
@@ -120,9 +121,16 @@ def beside_the_paper(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def setting_text(row: "Mapping[str, Any]") -> str:
-    """The setting, and the weight of orientation where it is not the usual one."""
-    weight = row["orientation_weight"]
-    return row["setting"] + ("" if weight == ORIENTATION_WEIGHT else f", orientation weight {weight:g}")
+    """The setting, and what is otherwise than on the setting's arm."""
+    usual = arm_columns(arm_setting(row["robot"], row["setting"]))
+    texts = {
+        "base": f"base {row['base']} m",
+        "branch": f"wrist {row['branch']}",
+        "self_collision": f"self-collision {'on' if row['self_collision'] else 'off'}",
+        "joint_limits": f"joint limits {'on' if row['joint_limits'] else 'off'}",
+        "orientation_weight": f"orientation weight {row['orientation_weight']:g}",
+    }
+    return ", ".join([row["setting"], *(text for name, text in texts.items() if row[name] != usual[name])])
 
 
 def arm_text(rows: pd.DataFrame) -> str:
@@ -161,7 +169,7 @@ def scores(rows: pd.DataFrame, protocol: "Protocol") -> pd.DataFrame:
 
 
 def between_settings(rows: pd.DataFrame) -> pd.DataFrame:
-    """What another base or a leaning tool brings to direct transfer, arm by arm."""
+    """What another base, wrist or a leaning tool brings to direct transfer, arm by arm."""
     shown = []
     for row in rows.dropna(subset="p2_arm_difference").to_dict("records"):
         shown.append({"arm": row["robot"], "setting": setting_text(row), "base": row["base"], "n": row["n"]})
