@@ -35,7 +35,7 @@ class SceneReachConfig:
     robots: list[str] = field(default_factory=lambda: list(TASK_ARMS[1:]))
     """Target arms, as in robots=[ur3,ur5]."""
     settings: list[str] = field(default_factory=lambda: ["embodied", "best"])
-    """Settings of the arms; those without stored episodes are left out."""
+    """Settings of the arms, with their wrist in either branch; those without stored episodes are left out."""
     episodes: str = "results"
     """Folder under which episodes.parquet are read, of the strict protocol, and arms/oracle_episodes.parquet."""
     output_dir: str = "results"
@@ -55,20 +55,17 @@ def main(config: SceneReachConfig) -> None:
     from benchmark.ranking import PROTOCOLS, counted
     from benchmark.run import shipped
     from benchmark.trusted_rows import read_all_episodes
-    from envs.arms import arm_setting
+    from envs.arms import POSTURES, arm_setting
 
     console, folder = Console(), Path(config.episodes)
     (strict,) = [protocol for protocol in PROTOCOLS if protocol.name == "strict"]
     episodes = counted(read_all_episodes(folder, FIRST_TEST_SEED), strict, shipped())
     tables = {}
-    for robot in config.robots:
-        for setting in config.settings:
-            arm = arm_setting(robot, setting)
-            rows = with_leaning_tools(episodes, arm)
-            if len(rows):
-                tables[arm] = by_demand(
-                    rows, oracle_rows(arm, folder), demands(arm, rows.episode_seed.unique(), console)
-                )
+    usual = [arm_setting(robot, setting) for robot in config.robots for setting in config.settings]
+    for arm in [replace(arm, wrist=wrist) for arm in usual for robot, wrist in POSTURES if robot == arm.robot]:
+        rows = with_leaning_tools(episodes, arm)
+        if len(rows):
+            tables[arm] = by_demand(rows, oracle_rows(arm, folder), demands(arm, rows.episode_seed.unique(), console))
     if not tables:
         raise SettingError(
             f"{config.episodes} holds no episodes of the strict protocol of {', '.join(config.robots)}. "
@@ -199,8 +196,16 @@ def markdown(tables: "dict[ArmSetting, pd.DataFrame]") -> str:
         )
         order = [f"{GROUPS[group]} cm, {scenes[group]} scenes" for group in scenes.index]
         wide = shown.pivot(index="method", columns="title", values="text").loc[table.method.unique(), order]
-        parts.append(f"## {arm.robot}, {arm.name}\n\n{wide.to_markdown(disable_numparse=True)}")
+        parts.append(f"## {arm_title(arm)}\n\n{wide.to_markdown(disable_numparse=True)}")
     return TEXT.format(tables="\n\n".join(parts))
+
+
+def arm_title(arm: "ArmSetting") -> str:
+    """The arm and its setting, and its wrist where that is not the setting's."""
+    from benchmark.arm import arm_columns
+    from benchmark.leaderboard_text import setting_text
+
+    return f"{arm.robot}, {setting_text(arm_columns(arm))}"
 
 
 def reach_figure(tables: "dict[ArmSetting, pd.DataFrame]") -> "Figure":
@@ -218,7 +223,7 @@ def reach_figure(tables: "dict[ArmSetting, pd.DataFrame]") -> "Figure":
             ax.errorbar(x, p2, np.stack([p2 - low, high - p2]), fmt="o-", markersize=4, linewidth=0.8, label=method)
         scenes = table.groupby("group").scenes.max()
         ax.set_xticks(scenes.index, [f"{GROUPS[group]}\nn = {scenes[group]}" for group in scenes.index])
-        ax.set(title=f"{arm.robot}, {arm.name}", xlabel="beyond reach [cm]; scenes", ylabel="p2 [%]", ylim=(-2, 102))
+        ax.set(title=arm_title(arm), xlabel="beyond reach [cm]; scenes", ylabel="p2 [%]", ylim=(-2, 102))
         ax.legend(fontsize="small")
     return figure
 
