@@ -1,7 +1,8 @@
 """The arm that settings describe, checked before anything is rolled out on it."""
 
+from collections.abc import Mapping
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from benchmark.command import SettingError
 from benchmark.config import OracleConfig, RunConfig
@@ -37,6 +38,26 @@ def arm_columns(arm: "ArmSetting") -> dict[str, object]:
         "joint_limits": arm.joint_limits,
         "orientation_weight": arm.orientation_weight,
     }
+
+
+def setting_text(row: Mapping[str, Any]) -> str:
+    """The setting, and what is otherwise than on the setting's arm."""
+    from envs.arms import arm_setting
+
+    usual = arm_columns(arm_setting(row["robot"], row["setting"]))
+    texts = {
+        "base": f"base {row['base']} m",
+        "branch": f"wrist {row['branch']}",
+        "self_collision": f"self-collision {'on' if row['self_collision'] else 'off'}",
+        "joint_limits": f"joint limits {'on' if row['joint_limits'] else 'off'}",
+        "orientation_weight": f"orientation weight {row['orientation_weight']:g}",
+    }
+    return ", ".join([row["setting"], *(text for name, text in texts.items() if row[name] != usual[name])])
+
+
+def arm_name(arm: "ArmSetting") -> str:
+    """What folders are called that hold something of an arm as it stands: ur10-embodied, or ur10-embodied-wrist_out."""
+    return f"{arm.robot}-{setting_text(arm_columns(arm))}".replace(", ", "-").replace(" ", "_")
 
 
 def of_arm(episodes: "pd.DataFrame", arm: "ArmSetting") -> "pd.DataFrame":

@@ -13,11 +13,6 @@ GUIDED = "guided_push"
 """LeRobot's name of our type of policy."""
 
 
-def policy_prefix(recipe: str) -> str:
-    """What the names of a recipe's policies begin with: nothing for `robust`, whose names are seed42-1 and so on."""
-    return "" if recipe == "robust" else f"{recipe}-"
-
-
 @dataclass(frozen=True)
 class Checkpoint:
     """A folder in which LeRobot saved a policy of any type."""

@@ -15,8 +15,9 @@ PACKAGES = ("mujoco", "robosuite", "numpy", "torch", "lerobot", "diffusers")
 
 ALIKE = {"e9458dfb1bed": "ce7997918d00"}
 """Versions by an older one whose episodes they give, so that they go by its name: after a change that was meant to
-change no episode, all rows drawn at random replayed to the last bit (`python -m benchmark.replay table=results/transfer
-random=60 seed=9`)."""
+change no episode, all rows drawn at random replayed to the last bit (`python -m benchmark.replay
+table=results/transfer/robust random=60 seed=10`, and `table=results/methods/robust/ur3-embodied/reorder random=40
+seed=11`)."""
 
 
 @cache

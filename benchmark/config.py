@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.command import SettingError, check_setting
+from benchmark.recipe import USUAL, check_recipe
 from policies.methods import METHODS
 from richmap.energy_settings import CHOICES, EnergySettings
 
@@ -25,9 +26,6 @@ FIRST_TEST_SEED = 100_000
 
 SETTINGS = ("original", "embodied", "best")
 """What an arm may do and where it stands (`envs.arms.SETTINGS`)."""
-
-RECIPES = ("robust", "clean", "pair")
-"""What source policies learned from, and how (`benchmark.source_policies`)."""
 
 ORACLES = ("plain", "aware")
 """Scripted oracles (`envs.oracle`, `envs.aware_oracle`)."""
@@ -208,15 +206,15 @@ class RunConfig:
     the slope along the whole chunk), reorder (what the arm cannot push is left for later), or direct (none)."""
     episodes: int = 50
     """Number of episodes per lambda; a whole number >= 1."""
-    recipe: str = "robust"
+    recipe: str = USUAL
     """What the policy learned from: robust (episodes most of which are disturbed on purpose) or clean (undisturbed
     episodes alone, as in the paper), both of which ship, or pair (see benchmark.source_policies)."""
     seed: int = 42
     """Training seed of the policy, a whole number >= 0."""
     checkpoint: int = 1
-    """Which of that seed's checkpoints, by rank on the validation episodes, from 1: seed<seed>-<checkpoint>, or
-    clean-seed<seed>-<checkpoint>, the one that ships, or else the one that benchmark.source_policies or benchmark.train
-    left in outputs."""
+    """Which of that seed's checkpoints, by rank on the validation episodes, from 1: seed<seed>-<checkpoint>, of other
+    recipes than robust with the recipe's name before that; the one that ships, or else the one that
+    benchmark.source_policies or benchmark.train left in outputs."""
     policy: str = ""
     """Folder of a LeRobot checkpoint to run instead, of any type that needs no pictures; empty for the one that recipe,
     seed and checkpoint pick. One that is not of type guided_push samples as it was saved (not by sampler), and only
@@ -260,7 +258,7 @@ class RunConfig:
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
         check_setting(self.checkpoint >= 1, "checkpoint", self.checkpoint, "a whole number >= 1")
-        check_setting(self.recipe in RECIPES, "recipe", self.recipe, ", ".join(RECIPES))
+        check_recipe(self.recipe)
         covered = scale == 0 or self.map.half_width >= 0.8
         check_setting(covered, "map.half_width", self.map.half_width, "0.8 or more, so that the field covers the table")
         check_seeds(self.seed_start, self.episodes)

@@ -75,6 +75,8 @@ def main(config: FailurePlacesConfig) -> None:
     console, output_dir = Console(), Path(config.output_dir)
     (paper,) = [protocol for protocol in PROTOCOLS if protocol.name == "paper"]
     episodes, tables, curves, drawn = read_all_episodes(Path(config.episodes), FIRST_TEST_SEED), [], [], []
+    if len(episodes):
+        episodes = episodes[episodes.checkpoint_hash.isin(shipped())]
     for robot in config.robots:
         for setting in config.settings:
             arm, description = arm_setting(robot, setting), load_robot(robot)

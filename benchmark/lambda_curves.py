@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.command import SettingError, check_setting, run_command
-from benchmark.config import FIRST_TEST_SEED, RECIPES, TASK_ARMS
+from benchmark.command import SettingError, run_command
+from benchmark.config import FIRST_TEST_SEED, TASK_ARMS
 from benchmark.outputs import replacing
+from benchmark.recipe import SHIPPED, USUAL, check_recipe, recipe_folder
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,14 +25,14 @@ NAMES = {"score": "Score", "p2": "Both blocks placed (p2)"}
 class LambdaCurvesConfig:
     """Draws score and p2 against lambda from the stored test episodes of the paper's protocol, beside its figures."""
 
-    recipe: str = "robust"
+    recipe: str = USUAL
     """Whose episodes are drawn (see benchmark.leaderboard)."""
     output_dir: str = "results"
     """Folder below which every episodes.parquet is read; figures/success_against_lambda.svg and .png go to it, for
-    clean to figures/clean."""
+    clean to its folder clean."""
 
     def __post_init__(self) -> None:
-        check_setting(self.recipe in RECIPES, "recipe", self.recipe, ", ".join(RECIPES))
+        check_recipe(self.recipe, SHIPPED)
 
 
 def main(config: LambdaCurvesConfig) -> None:
@@ -45,12 +46,12 @@ def main(config: LambdaCurvesConfig) -> None:
     if not len(episodes):
         raise SettingError(
             f"There are no test episodes of the paper's protocol under {config.output_dir}. Make some: "
-            "python -m benchmark.run -m experiment=transfer"
+            f"python -m benchmark.run -m experiment=transfer recipe={config.recipe}"
         )
     figure = curves(leaderboard(episodes, paper))
     for ending in ("svg", "png"):
-        folder = Path(config.output_dir, "figures", "" if config.recipe == "robust" else config.recipe)
-        file = folder / f"success_against_lambda.{ending}"
+        folder = recipe_folder(Path(config.output_dir), config.recipe)
+        file = folder / "figures" / f"success_against_lambda.{ending}"
         with replacing(file) as path:
             figure.savefig(path, dpi=150)
         print(file)

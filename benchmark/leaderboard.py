@@ -7,24 +7,25 @@ python -m benchmark.leaderboard recipe=clean
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmark.command import SettingError, check_setting, run_command
-from benchmark.config import FIRST_TEST_SEED, RECIPES
+from benchmark.command import SettingError, run_command
+from benchmark.config import FIRST_TEST_SEED
 from benchmark.outputs import replacing
+from benchmark.recipe import SHIPPED, USUAL, check_recipe, recipe_folder
 
 
 @dataclass
 class LeaderboardConfig:
     """Turns all stored test episodes into LEADERBOARD.md and leaderboard.html, by both protocols."""
 
-    recipe: str = "robust"
+    recipe: str = USUAL
     """Whose episodes count: robust (policies that ship and learned from mostly disturbed episodes, and entries) or
-    clean (those that learned from undisturbed ones; then LEADERBOARD-clean.md and leaderboard-clean.html)."""
+    clean (those that learned from undisturbed ones alone)."""
     output_dir: str = "results"
-    """Folder below which every episodes.parquet is read, and to which both files go; moving pictures come from its
-    folder figures (for clean, from its folder clean), the oracles' scores from its folders arms and oracle."""
+    """Folder below which every episodes.parquet is read, with the oracles' scores in its folders arms and oracle. Both
+    files go to it, for clean to its folder clean; moving pictures come from the folder figures beside them."""
 
     def __post_init__(self) -> None:
-        check_setting(self.recipe in RECIPES, "recipe", self.recipe, ", ".join(RECIPES))
+        check_recipe(self.recipe, SHIPPED)
 
 
 def main(config: LeaderboardConfig) -> None:
@@ -36,10 +37,9 @@ def main(config: LeaderboardConfig) -> None:
     from benchmark.run import shipped
     from benchmark.trusted_rows import read_all_episodes
 
-    folder, figures, suffix = Path(config.output_dir), Path(config.output_dir) / "figures", ""
+    folder = Path(config.output_dir)
     episodes = read_all_episodes(folder, FIRST_TEST_SEED)
-    if config.recipe != "robust":
-        figures, suffix = figures / config.recipe, f"-{config.recipe}"
+    if config.recipe != USUAL and len(episodes):
         episodes = episodes[episodes.entry_hash == ""]
     tables, ours = {}, shipped(config.recipe)
     for protocol in PROTOCOLS:
@@ -48,18 +48,16 @@ def main(config: LeaderboardConfig) -> None:
             tables[protocol] = with_oracles(leaderboard(rows, protocol), folder)
     if not tables:
         raise SettingError(
-            f"There are no test episodes (seeds from {FIRST_TEST_SEED}) of a protocol, by policies that ship (recipe="
-            f"{config.recipe}) or by an entry, in any episodes.parquet under {folder}. Make some: "
-            "python -m benchmark.run protocol=strict robot=ur3"
+            f"There are no test episodes (seeds from {FIRST_TEST_SEED}) of a protocol that count, in any "
+            f"episodes.parquet under {folder}. Make some: python -m benchmark.run protocol=strict robot=ur3 "
+            f"recipe={config.recipe}"
         )
-    files = {
-        f"LEADERBOARD{suffix}.md": markdown(tables, config.recipe),
-        f"leaderboard{suffix}.html": page(tables, figures, config.recipe),
-    }
-    for name, text in files.items():
-        with replacing(folder / name) as path:
-            path.write_text(text)
-        print(folder / name)
+    board = recipe_folder(folder, config.recipe)
+    text, html = markdown(tables, config.recipe), page(tables, board / "figures", config.recipe)
+    for file, content in ((board / "LEADERBOARD.md", text), (board / "leaderboard.html", html)):
+        with replacing(file) as path:
+            path.write_text(content)
+        print(file)
 
 
 if __name__ == "__main__":

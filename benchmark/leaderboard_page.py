@@ -6,9 +6,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from benchmark.arm import setting_text
 from benchmark.config import TASK_ARMS
-from benchmark.leaderboard_text import DEMONSTRATIONS, PROTOCOL_TEXTS, setting_text
+from benchmark.leaderboard_text import PROTOCOL_TEXTS
 from benchmark.published import TABLE_3
+from benchmark.recipe import RECIPES, USUAL
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,7 +23,7 @@ PICTURES = 4
 """Most moving pictures of an arm."""
 
 
-def page(tables: "dict[Protocol, pd.DataFrame]", figures: Path, recipe: str = "robust") -> str:
+def page(tables: "dict[Protocol, pd.DataFrame]", figures: Path, recipe: str = USUAL) -> str:
     """The page.
 
     Args:
@@ -45,7 +47,7 @@ def page(tables: "dict[Protocol, pd.DataFrame]", figures: Path, recipe: str = "r
         "published": {robot: asdict(published) for robot, published in TABLE_3.items()},
         "pictures": pictures(figures),
         "about": f"{sum(row['n'] for row in rows):,} episodes on test seeds from 100000 on; code version "
-        f"{', '.join(versions)}; commit {', '.join(commits)}. Policies learned from {DEMONSTRATIONS[recipe]}.",
+        f"{', '.join(versions)}; commit {', '.join(commits)}. Policies learned from {RECIPES[recipe]}.",
     }
     return TEMPLATE.read_text().replace("{{data}}", json.dumps(data).replace("<", "\\u003c"))
 

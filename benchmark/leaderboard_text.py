@@ -1,24 +1,23 @@
 """The leaderboard as a document."""
 
-from collections.abc import Mapping
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from benchmark.arm import arm_columns
+from benchmark.arm import setting_text
 from benchmark.published import TABLE_3
 from benchmark.ranking import ARM
+from benchmark.recipe import RECIPES, USUAL
 from benchmark.scores import causes_text, difference_text, with_interval
-from envs.arms import arm_setting
 
 if TYPE_CHECKING:
     from benchmark.ranking import Protocol
 
 TEXT = """# Leaderboard
 
-Made by `{command}` from the stored episodes alone. With filters, curves and moving pictures:
-[`{page}`]({page}).
+Made by `python -m benchmark.leaderboard{setting}` from the stored episodes alone. With filters, curves and moving
+pictures: [`leaderboard.html`](leaderboard.html).
 
 - **Policies** learned from {demonstrations}.
 - **Episodes**: test seeds from 100000 on, by which nothing was chosen; the same for all arms, methods and scales.
@@ -36,16 +35,10 @@ Made by `{command}` from the stored episodes alone. With filters, curves and mov
 - **Failed by cause**: an episode failed if it never had p2. What rolled out of a target later has no cause.
 - **n** counts episodes, of all policies; * marks a row that lacks policies or episodes of the protocol, and so comes
   last. *(entry)* came from outside. A dash: not measured.
-- **What counts**: rows of a protocol's settings, episodes and batches, by policies that ship with the project or by
-  entries. Other code versions have sections, and Holm families, of their own.
+- **What counts**: rows of a protocol's settings, episodes and batches, by policies that ship with the project and
+  learned so, or by entries, which stand beside the usual policies. Other code versions have sections, and Holm
+  families, of their own.
 """
-
-DEMONSTRATIONS = {
-    "robust": "demonstrations most of which were disturbed on purpose, the paper's from undisturbed ones",
-    "clean": "1,000 undisturbed demonstrations alone, like the paper's",
-    "pair": "demonstrations most of which were disturbed on purpose, and see the oracle's own geometry",
-}
-"""What the policies of a recipe learned from."""
 
 PROTOCOL_TEXTS = {
     "paper": "Setting `original` (just the arm swapped). First 50 test seeds, three policies of each training seed.",
@@ -66,12 +59,10 @@ of steps within 0.235 m of the base axis; *rectangle*: in the paper's dangerous 
 beyond 0.54 m."""
 
 
-def markdown(tables: "dict[Protocol, pd.DataFrame]", recipe: str = "robust") -> str:
+def markdown(tables: "dict[Protocol, pd.DataFrame]", recipe: str = USUAL) -> str:
     """The leaderboards of all protocols as one document, of the policies of a recipe."""
-    command, html = "python -m benchmark.leaderboard", "leaderboard.html"
-    if recipe != "robust":
-        command, html = f"{command} recipe={recipe}", f"leaderboard-{recipe}.html"
-    parts = [TEXT.format(command=command, page=html, demonstrations=DEMONSTRATIONS[recipe])]
+    setting = "" if recipe == USUAL else f" recipe={recipe}"
+    parts = [TEXT.format(setting=setting, demonstrations=RECIPES[recipe])]
     for protocol, table in tables.items():
         table = in_order(table, protocol)
         parts += [f"## Protocol `{protocol.name}`", PROTOCOL_TEXTS[protocol.name]]
@@ -118,19 +109,6 @@ def beside_the_paper(table: pd.DataFrame) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows)
-
-
-def setting_text(row: "Mapping[str, Any]") -> str:
-    """The setting, and what is otherwise than on the setting's arm."""
-    usual = arm_columns(arm_setting(row["robot"], row["setting"]))
-    texts = {
-        "base": f"base {row['base']} m",
-        "branch": f"wrist {row['branch']}",
-        "self_collision": f"self-collision {'on' if row['self_collision'] else 'off'}",
-        "joint_limits": f"joint limits {'on' if row['joint_limits'] else 'off'}",
-        "orientation_weight": f"orientation weight {row['orientation_weight']:g}",
-    }
-    return ", ".join([row["setting"], *(text for name, text in texts.items() if row[name] != usual[name])])
 
 
 def arm_text(rows: pd.DataFrame) -> str:

@@ -25,7 +25,7 @@ def main(config: OracleConfig) -> None:
     """Roll the oracle out, print its scores and causes of failure, and write `oracle.json`."""
     from rich.console import Console
 
-    from benchmark.arm import chosen_arm
+    from benchmark.arm import arm_name, chosen_arm
     from benchmark.code_version import code_version, commit
     from benchmark.scores import SCORES, causes_text
     from benchmark.statistics import rate_interval
@@ -44,7 +44,7 @@ def main(config: OracleConfig) -> None:
         console.print(f"Tracking error of solved episodes at most {1000 * result['tracking_error_max_solved']:.1f} mm")
     console.print(f"Failed episodes by cause: {causes_text(result['causes'])}")
 
-    file = Path(config.output_dir) / f"{arm.robot}-{arm.name}-{config.oracle}" / "oracle.json"
+    file = Path(config.output_dir) / f"{arm_name(arm)}-{config.oracle}" / "oracle.json"
     with replacing(file) as path:
         path.write_text(json.dumps(result, indent=2) + "\n")
     console.print(f"Result: {file}", soft_wrap=True)

@@ -105,18 +105,20 @@ def main(config: PredictionConfig) -> None:
 
 
 def direct_episodes(folder: Path) -> "pd.DataFrame":
-    """Stored episodes of direct transfer on test seeds, with their paths, on arms as their setting has them."""
+    """Stored episodes of direct transfer on test seeds, with their paths, of the usual policies that ship, on arms as
+    their setting has them."""
     import pandas as pd
 
     from benchmark.arm import of_arm
     from benchmark.config import FIRST_TEST_SEED
+    from benchmark.run import shipped
     from benchmark.trusted_rows import read_all_episodes
     from envs.arms import arm_setting
 
     table = read_all_episodes(folder, FIRST_TEST_SEED)
     if table.empty:
         return table
-    direct = table[table.method == "direct"]
+    direct = table[(table.method == "direct") & table.checkpoint_hash.isin(shipped())]
     return pd.concat([of_arm(direct, arm_setting(robot, setting)) for robot in TASK_ARMS for setting in SETTINGS])
 
 

@@ -11,9 +11,10 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.checkpoint import GUIDED, Checkpoint, policy_prefix
+from benchmark.checkpoint import GUIDED, Checkpoint
 from benchmark.command import SettingError, run_command
-from benchmark.config import RECIPES, EnergyConfig, MapConfig, RobotConfig, RunConfig
+from benchmark.config import EnergyConfig, MapConfig, RobotConfig, RunConfig
+from benchmark.recipe import RECIPES, USUAL, policy_name
 from policies.methods import METHODS
 
 if TYPE_CHECKING:
@@ -86,15 +87,14 @@ def chosen_checkpoint(config: RunConfig) -> Path:
     return checkpoint.folder
 
 
-def checkpoint_folder(seed: int, rank: int = 1, recipe: str = "robust") -> Path:
+def checkpoint_folder(seed: int, rank: int = 1, recipe: str = USUAL) -> Path:
     """Folder of the checkpoint of this rank with this training seed, of this recipe.
 
     Raises:
         SettingError: If there is none.
     """
-    name = f"{policy_prefix(recipe)}seed{seed}-{rank}"
     for root in CHECKPOINTS:
-        folder = root / name
+        folder = root / policy_name(recipe, seed, rank)
         if (folder / "model.safetensors").exists():
             return folder
     there = {folder.name for root in CHECKPOINTS for folder in policies_in(root, recipe)}
@@ -106,10 +106,10 @@ def checkpoint_folder(seed: int, rank: int = 1, recipe: str = "robust") -> Path:
 
 def policies_in(folder: Path, recipe: str) -> list[Path]:
     """Folders of a recipe's policies in a folder."""
-    return [file.parent for file in folder.glob(f"{policy_prefix(recipe)}seed*-*/model.safetensors")]
+    return [file.parent for file in folder.glob(f"{policy_name(recipe, '*', '*')}/model.safetensors")]
 
 
-def shipped(recipe: str = "robust") -> set[str]:
+def shipped(recipe: str = USUAL) -> set[str]:
     """Hashes of the weights of a recipe's policies that ship with the project."""
     return {Checkpoint(folder).weights_hash for folder in policies_in(CHECKPOINTS[0], recipe)}
 

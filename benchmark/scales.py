@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from benchmark.command import SettingError, check_setting, run_command
 from benchmark.config import TASK_ARMS, ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig
 from benchmark.outputs import replacing
+from benchmark.recipe import USUAL
 from policies.methods import METHODS
 
 if TYPE_CHECKING:
@@ -46,7 +47,10 @@ COLLAPSE = 0.5
 EPISODE_SECONDS = 0.3
 """About what an episode on a UR3, where many last long, takes on one core; for the budget."""
 
-ARM = ["robot", "setting", "base", "branch", "self_collision", "orientation_weight", "sampler", "sampling_steps"]
+ARM = [
+    "robot", "setting", "base", "branch", "self_collision", "joint_limits", "orientation_weight", "sampler",
+    "sampling_steps",
+]  # fmt: skip
 """Columns of the episodes table that a scale is chosen for."""
 
 METHOD = ["method", "cell_size", "field_fingerprint"]
@@ -65,7 +69,7 @@ class ScalesConfig:
     """Most scales of a method, each twice the one before; it ends sooner when the policy collapses. From 1 to 16."""
     seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
     """Training seeds, whole numbers >= 0; one checkpoint of each is rolled out."""
-    recipe: str = "robust"
+    recipe: str = USUAL
     """What the policies learned from (see benchmark.run)."""
     checkpoint: int = 1
     """Which of each seed's checkpoints, by rank on the validation episodes, from 1."""
@@ -76,7 +80,8 @@ class ScalesConfig:
     setting: str = "embodied"
     """What the arm may do (see benchmark.run)."""
     output_dir: str = "results/scales"
-    """In its folder <recipe>/<robot>-<setting>: scales.md, figures, and each method's episodes.parquet in a folder."""
+    """In its folder <recipe>/<arm>-<setting> (with what of the arm is changed, as ur10-embodied-wrist_out): scales.md,
+    figures, and each method's episodes.parquet in a folder."""
     device: str = "auto"
     """Where the policy runs: cpu, cuda, or auto (cuda if there is one)."""
     sampler: str = "DDIM"
@@ -103,8 +108,8 @@ class ScalesConfig:
 
     @property
     def folder(self) -> Path:
-        """Of the recipe's policies on the arm in this setting."""
-        return arm_folder(self.output_dir, self.recipe, self.robot.name, self.setting)
+        """Of the recipe's policies on the arm."""
+        return arm_folder(self.output_dir, self.run(self.seeds[0]))
 
     def run(self, seed: int) -> RunConfig:
         """Settings of direct transfer with the policy of one training seed."""
@@ -116,7 +121,7 @@ def main(config: ScalesConfig) -> None:
     """Print the budget, roll out every scale that is not stored yet, and write table and figures."""
     from benchmark.run import checkpoint_folder
 
-    folders = [checkpoint_folder(seed, config.checkpoint, config.recipe) for seed in config.seeds]
+    checkpoints = [checkpoint_folder(seed, config.checkpoint, config.recipe) for seed in config.seeds]
     from rich.console import Console
 
     from benchmark.field_sensitivity import demonstrated_path
@@ -127,7 +132,7 @@ def main(config: ScalesConfig) -> None:
     console, folder = Console(), config.folder
     console.print(budget(config))
     direct = [
-        make_rollout(config.run(seed), 0.0, folder, console) for seed, folder in zip(config.seeds, folders, strict=True)
+        make_rollout(config.run(seed), 0.0, path, console) for seed, path in zip(config.seeds, checkpoints, strict=True)
     ]
     fields = method_fields(config, console)
     table = scale_table(sweep(config, direct, fields, console))
@@ -155,9 +160,11 @@ def main(config: ScalesConfig) -> None:
     console.print(f"Table: {folder / 'scales.md'}", soft_wrap=True)
 
 
-def arm_folder(output_dir: str, recipe: str, robot: str, setting: str) -> Path:
-    """Where the scales of a recipe's policies are, on an arm in a setting."""
-    return Path(output_dir) / recipe / f"{robot}-{setting}"
+def arm_folder(output_dir: str, config: RunConfig) -> Path:
+    """Where the scales of a run's policies are, on its arm as it stands."""
+    from benchmark.arm import arm_name, chosen_arm
+
+    return Path(output_dir) / config.recipe / arm_name(chosen_arm(config))
 
 
 def read_methods(folder: Path, columns: list[str] | None = None) -> "pd.DataFrame":
@@ -319,7 +326,7 @@ def chosen_scale(config: RunConfig) -> float:
     console, direct = Console(quiet=True), replace(config, guidance_scale=0.0)
     condition = make_rollout(direct, 0.0, chosen_checkpoint(direct), console).condition
     arm = tuple(getattr(condition, name) for name in ARM)
-    folder = arm_folder(config.scales_dir, config.recipe, config.robot.name, config.setting)
+    folder = arm_folder(config.scales_dir, config)
     chosen = _chosen(folder, condition.code_version).get((*arm, config.method), {})
     if chosen:
         field, _ = guidance_field(METHODS[config.method].field, chosen_arm(config), config, console)
@@ -330,7 +337,7 @@ def chosen_scale(config: RunConfig) -> float:
         f"lambda=null: {folder} has no scale of method={config.method} for {config.robot.name}, "
         f"{config.setting}{' with the field of these settings' if chosen else ''}. Choose one: python -m "
         f"benchmark.scales robot={config.robot.name} setting={config.setting} recipe={config.recipe} "
-        f"methods=[{config.method}], or give lambda."
+        f"methods=[{config.method}] output_dir={config.scales_dir} (and arm.… as here), or give lambda."
     )
 
 
@@ -386,14 +393,14 @@ the best of several on these episodes, its p2 here is too high: final figures co
 
 def markdown(table: "pd.DataFrame") -> str:
     """The tables for people, an arm after the other."""
-    from policies.methods import METHODS
+    from benchmark.arm import setting_text
 
     units = "\n".join(f"- `{name}`: λ is {method.scale}." for name, method in METHODS.items() if name != "direct")
     parts = [TEXT.format(most=MOST_SAMPLES, units=units)]
     for arm, group in table.groupby(ARM, sort=True):
         about = dict(zip(ARM, arm, strict=True))
         parts += [
-            f"## {about['robot']}, {about['setting']}",
+            f"## {about['robot']}, {setting_text(about)}",
             f"Base {about['base']} m, wrist {about['branch']}, {about['sampler']}-{about['sampling_steps']}, "
             f"{group.checkpoints.max()} checkpoints. Chosen:",
             shown(group[group.chosen]).to_markdown(index=False, disable_numparse=True),

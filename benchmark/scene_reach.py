@@ -202,8 +202,7 @@ def markdown(tables: "dict[ArmSetting, pd.DataFrame]") -> str:
 
 def arm_title(arm: "ArmSetting") -> str:
     """The arm and its setting, and its wrist where that is not the setting's."""
-    from benchmark.arm import arm_columns
-    from benchmark.leaderboard_text import setting_text
+    from benchmark.arm import arm_columns, setting_text
 
     return f"{arm.robot}, {setting_text(arm_columns(arm))}"
 

@@ -10,11 +10,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from benchmark.checkpoint import policy_prefix
 from benchmark.collect import CollectConfig
 from benchmark.command import SettingError, check_setting, run_command
-from benchmark.config import RECIPES, RobotConfig, RunConfig, WandbConfig, check_folder, check_seeds
+from benchmark.config import RobotConfig, RunConfig, WandbConfig, check_folder, check_seeds
 from benchmark.outputs import replacing
+from benchmark.recipe import USUAL, check_recipe, policy_name
 from benchmark.train import TrainConfig
 
 if TYPE_CHECKING:
@@ -33,20 +33,19 @@ class Recipe:
 
 CLEAN = CollectConfig(share_noise=0, share_bursts=0, share_wide=0, share_crowded=0, output_dir="demonstrations/clean")
 
-OF_RECIPE = {
-    "robust": Recipe(CollectConfig()),
+MADE_BY = {
+    USUAL: Recipe(CollectConfig()),
     "pair": Recipe(CollectConfig(), {"features": "pair"}),
     "clean": Recipe(CLEAN, {"displacement": 0.005, "n_obs_steps": 1}),
 }
-"""From mostly disturbed episodes, the same with the oracle's own geometry in the inputs, or from undisturbed episodes
-alone, like the published data."""
+"""How the policies of each of `benchmark.recipe.RECIPES` are made."""
 
 
 @dataclass
 class SourcePoliciesConfig:
     """Trains policies from several seeds and keeps the best checkpoints of each, by their validation episodes."""
 
-    recipe: str = "robust"
+    recipe: str = USUAL
     """What they learn from and see: robust (episodes with noise and bursts, scenes all over the table), pair (the same,
     and the oracle's own geometry in the inputs) or clean (undisturbed episodes alone)."""
     seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
@@ -73,7 +72,7 @@ class SourcePoliciesConfig:
     wandb: WandbConfig = field(default_factory=WandbConfig)
 
     def __post_init__(self) -> None:
-        check_setting(self.recipe in RECIPES, "recipe", self.recipe, ", ".join(RECIPES))
+        check_recipe(self.recipe)
         check_setting(bool(self.seeds) and min(self.seeds) >= 0, "seeds", self.seeds, "whole numbers >= 0")
         within = bool(self.candidates) and 1 <= min(self.candidates) <= max(self.candidates) <= self.steps
         check_setting(within, "candidates", self.candidates, f"steps from 1 to {self.steps}")
@@ -115,8 +114,8 @@ def trainings(config: SourcePoliciesConfig) -> list[TrainConfig]:
             steps=config.steps,
             device=config.device,
             keep=config.candidates,
-            policy={**OF_RECIPE[config.recipe].policy, **config.policy},
-            demonstrations=OF_RECIPE[config.recipe].demonstrations,
+            policy={**MADE_BY[config.recipe].policy, **config.policy},
+            demonstrations=MADE_BY[config.recipe].demonstrations,
             output_dir=str(config.folder / "candidates"),
             wandb=config.wandb,
         )
@@ -154,14 +153,14 @@ def validate(config: SourcePoliciesConfig, console: "Console") -> "pd.DataFrame"
     )
 
 
-def ranking(candidates: "pd.DataFrame", best: int, recipe: str = "robust") -> "pd.DataFrame":
+def ranking(candidates: "pd.DataFrame", best: int, recipe: str = USUAL) -> "pd.DataFrame":
     """Each seed's candidates by p2, then score, then shortness; the best get their name in the column `checkpoint`."""
     table = candidates.sort_values(
         ["seed", "p2", "score", "length", "step"], ascending=[True, False, False, True, False], ignore_index=True
     )
     rank = table.groupby("seed").cumcount() + 1
-    named = f"{policy_prefix(recipe)}seed" + table.seed.astype(str) + "-" + rank.astype(str)
-    return table.assign(checkpoint=named.where(rank <= best, ""))
+    named = [policy_name(recipe, *of_row) if of_row[1] <= best else "" for of_row in zip(table.seed, rank, strict=True)]
+    return table.assign(checkpoint=named)
 
 
 def publish(table: "pd.DataFrame", config: SourcePoliciesConfig) -> None:

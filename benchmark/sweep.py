@@ -30,6 +30,7 @@ from benchmark.config import SOURCE, RunConfig
 from benchmark.experiment_log import log_curves, log_evaluation, log_field
 from benchmark.outputs import replacing
 from benchmark.progress import progress_bar
+from benchmark.recipe import policy_name
 from benchmark.results import CONDITION, episodes_of, read_episodes, stored
 from benchmark.run import chosen_checkpoint, make_rollout, run_and_store, with_scale
 
@@ -240,7 +241,7 @@ def _end_without(parent: int) -> None:
 def job_name(config: RunConfig) -> str:
     """What a job is called, also in file names."""
     scale = "chosen" if config.guidance_scale is None else f"{config.guidance_scale:g}"
-    policy = Path(config.policy).name or f"seed{config.seed}-{config.checkpoint}"
+    policy = Path(config.policy).name or policy_name(config.recipe, config.seed, config.checkpoint)
     told_apart = sha256(repr(replace(config, workers=1)).encode()).hexdigest()[:6]  # by settings that are not in it
     return f"{config.robot.name}-{config.setting}-{config.method}-{scale}-{policy}-{told_apart}"
 

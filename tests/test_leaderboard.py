@@ -170,6 +170,14 @@ def test_an_entry_may_call_its_policies_what_it_likes(transfer_episodes):
     assert set(counted(renamed, STRICT, OURS).method) == {"pull-back"}
 
 
+@pytest.mark.parametrize("recipe", ["", "clean-"])
+def test_by_the_strict_protocol_the_best_checkpoint_of_a_seed_counts(transfer_episodes, recipe):
+    rows = transfer_episodes[transfer_episodes.entry_hash == ""]
+    rows = rows.assign(checkpoint=recipe + rows.checkpoint)
+    kept = {*counted(rows, STRICT, OURS).checkpoint}
+    assert kept == {name for name in rows.checkpoint if name.endswith("-1")} < {*rows.checkpoint}
+
+
 def test_two_policies_of_one_name_are_not_mixed(transfer_episodes):
     rows = counted(transfer_episodes, STRICT, OURS).copy()
     rows.loc[rows.index[0], "checkpoint_hash"] = "another"
@@ -178,7 +186,7 @@ def test_two_policies_of_one_name_are_not_mixed(transfer_episodes):
 
 
 def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(transfer_episodes, tmp_path, monkeypatch):
-    monkeypatch.setattr(run, "shipped", lambda recipe: OURS)
+    monkeypatch.setattr(run, "shipped", lambda recipe: OURS if recipe == "robust" else {"hash of seed44-1"})
     config = dataclasses.replace(LeaderboardConfig(), output_dir=str(tmp_path))
     with pytest.raises(SettingError, match="There are no test episodes"):
         main(config)
@@ -198,9 +206,12 @@ def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(transf
     first = (tmp_path / "leaderboard.html").read_text()
     assert "{{data}}" not in first and "http://www.w3.org/2000/svg" in first
     main(dataclasses.replace(config, recipe="clean"))  # Entries stand in the other one.
-    of_clean = (tmp_path / "LEADERBOARD-clean.md").read_text()
-    assert "pull-back" not in of_clean and "[`leaderboard-clean.html`]" in of_clean
-    assert "undisturbed demonstrations alone" in (tmp_path / "leaderboard-clean.html").read_text()
+    of_clean = (tmp_path / "clean" / "LEADERBOARD.md").read_text()
+    assert "pull-back" not in of_clean and "benchmark.leaderboard recipe=clean`" in of_clean
+    assert "seed44-1" in of_clean and "seed42-1" not in of_clean
+    with pytest.raises(SettingError, match="recipe=pair is not allowed. Allowed: robust, clean"):
+        dataclasses.replace(config, recipe="pair")
+    assert "undisturbed demonstrations alone" in (tmp_path / "clean" / "leaderboard.html").read_text()
     assert "pull-back" in (tmp_path / "LEADERBOARD.md").read_text()
     shutil.rmtree(tmp_path / "entries")
     main(config)

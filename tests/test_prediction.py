@@ -1,12 +1,25 @@
 """What paths meet is compared with success, scene by scene and cell by cell."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from benchmark import prediction
 from benchmark.config import SOURCE
-from benchmark.prediction import TransferFields, by_scene, cells, correlations, markdown, visited, with_source
+from benchmark.prediction import (
+    TransferFields,
+    by_scene,
+    cells,
+    correlations,
+    direct_episodes,
+    markdown,
+    visited,
+    with_source,
+)
+from benchmark.results import read_episodes
+from benchmark.run import shipped
 
 FIELDS = TransferFields(
     energy=lambda xy: np.hypot(*xy.T),
@@ -94,3 +107,12 @@ def test_cells_without_a_discrepancy_do_not_count():
 def test_a_path_passes_the_cells_that_hold_its_points():
     passed = cells()[visited(np.array([[0.31, -0.22], [0.31, -0.21], [0.46, 0.02], [2.0, 0.0]]))]
     assert np.allclose(passed, [[0.325, -0.225], [0.475, 0.025]])
+
+
+def test_rows_of_the_usual_policies_alone_are_compared(tmp_path):
+    """Those of another recipe lie under the same folder."""
+    for recipe in ("robust", "clean"):
+        rows = read_episodes(Path("results/transfer", recipe, "ur5-original"))
+        (tmp_path / recipe).mkdir()
+        rows[rows.episode_seed == 100_000].to_parquet(tmp_path / recipe / "episodes.parquet")
+    assert {*direct_episodes(tmp_path).checkpoint_hash} == shipped()

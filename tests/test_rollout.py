@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from benchmark.command import SettingError
 from benchmark.config import ArmConfig, RobotConfig, RunConfig
 from benchmark.guidance_class import GuidanceClass
 from benchmark.results import read_episodes
@@ -78,6 +79,13 @@ def test_a_strangers_guidance_acts(rollout, tmp_path):
 
 def test_the_policy_solves_its_own_arm(episodes):
     assert all(episode.outcome.p2 for episode in episodes)
+
+
+def test_a_policy_is_found_by_its_recipe_seed_and_rank():
+    assert checkpoint_folder(43, 2).name == "seed43-2"
+    assert checkpoint_folder(43, 2, "clean").name == "clean-seed43-2"
+    with pytest.raises(SettingError, match="recipe=dirty is not allowed. Allowed: robust, clean, pair"):
+        dataclasses.replace(CONFIG, recipe="dirty")
 
 
 def test_an_unknown_training_seed_is_refused():

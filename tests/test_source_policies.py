@@ -4,9 +4,10 @@ import pandas as pd
 import pytest
 
 from benchmark.command import SettingError
-from benchmark.config import RECIPES, WandbConfig
+from benchmark.config import WandbConfig
+from benchmark.recipe import RECIPES
 from benchmark.source_policies import (
-    OF_RECIPE,
+    MADE_BY,
     SourcePoliciesConfig,
     log_validation,
     markdown,
@@ -112,4 +113,4 @@ def test_candidates_are_the_same_policy_whatever_is_kept(tmp_path):
 
 
 def test_every_recipe_that_can_be_asked_for_can_be_made():
-    assert set(OF_RECIPE) == set(RECIPES)
+    assert set(MADE_BY) == set(RECIPES)

@@ -25,10 +25,10 @@ from rich.console import Console
 from benchmark import command
 from benchmark.build_maps import energy_field
 from benchmark.command import SettingError
-from benchmark.config import EnergyConfig, MapConfig, RobotConfig, RunConfig
+from benchmark.config import ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig
 from benchmark.results import read_episodes
 from benchmark.run import checkpoint_folder, make_rollout, with_scale
-from benchmark.sweep import RELAUNCHES, guides_source, launch, typed_jobs
+from benchmark.sweep import RELAUNCHES, guides_source, job_name, launch, typed_jobs
 from policies.methods import METHODS
 from richmap.robots import load_robot
 
@@ -68,6 +68,8 @@ def test_the_transfer_table_is_nine_models_on_four_arms():
     assert len(of_one) == 1 + 3 * 11 and 9 * sum(job.episodes for job in of_one) == 15_300
     assert {(job.setting, job.episodes, job.seed_start) for job in of_one} == {("original", 50, 100_000)}
     assert {job.output_dir for job in of_one if job.robot.name == "ur3"} == {"results/transfer/robust/ur3-original"}
+    (clean,) = jobs("experiment=transfer", "recipe=clean", "robot=xarm6", "seed=42", "checkpoint=1")
+    assert clean.output_dir == "results/transfer/clean/xarm6-original" and "clean-seed42-1" in job_name(clean)
 
 
 def test_the_methods_are_compared_by_the_strict_protocol():
@@ -123,7 +125,7 @@ def scales(folder, condition):
     placed |= {(method, 0.01, field): [0, 1], (method, 0.02, field): [1, 1], (method, 0.04, field): [1, 0]}
     placed |= {(method, 0.02, "another"): [0, 1], (method, 0.04, "another"): [1, 1]}
     arm = {"robot": "ur3", "setting": "embodied", "base": "0 0 0", "branch": "out", "self_collision": True}
-    arm |= {"orientation_weight": 1.0, "sampler": "DDIM", "sampling_steps": 10}
+    arm |= {"joint_limits": True, "orientation_weight": 1.0, "sampler": "DDIM", "sampling_steps": 10}
     arm |= {"code_version": condition.code_version}
     rows = [
         arm
@@ -146,6 +148,9 @@ def test_the_scale_is_the_one_chosen_on_validation_episodes(tmp_path):
     assert with_scale(config).guidance_scale == 0.02
     config.method = "direct"
     assert with_scale(config).guidance_scale == 0
+    for other in ({"recipe": "clean"}, {"arm": ArmConfig(orientation_weight=0.5)}):  # What was chosen for another.
+        with pytest.raises(SettingError, match="has no scale of method=projection"):
+            with_scale(replace(config, method="projection", **other))
     config.method = "towards"
     with pytest.raises(SettingError, match="no scale of method=towards for ur3, embodied. Choose one: python -m bench"):
         with_scale(config)
