@@ -96,8 +96,8 @@ def curves(table: "pd.DataFrame") -> "Figure":
                         ax.axhline(100 * figures[0], color="k", linewidth=0.8, linestyle=dash, label=label)
             n = f"n = {direct.n.iloc[0]} each" if len(direct) else ""
             ax.set(title=f"{robot}, {n}", xlabel="λ")
-            ax.set_ylim(top=101)
             ax.grid(alpha=0.3)
+        line[0].set_ylim(top=101)  # Of the whole row, so not before all is drawn: it ends the search for the bottom.
         line[0].set_ylabel(f"{title} [%]")
         line[-1].legend(fontsize=6, loc="lower right")
     return figure

@@ -239,6 +239,8 @@ def test_the_curves_pass_through_the_table(boards):
     line = figure.axes[1].containers[0].lines[0]
     assert line.get_xdata().tolist() == [0.0, 0.5, 1.0]
     assert line.get_ydata().tolist() == pytest.approx((100 * ur3.score).tolist())
+    lowest = 100 * min(boards[PAPER].score_low.min(), boards[PAPER].score_least.min())
+    assert all(ax.get_ylim()[0] < lowest < ax.get_ylim()[1] for ax in figure.axes[:2])  # Nothing is cut off.
 
 
 def test_each_field_has_a_curve_of_its_own(boards):
