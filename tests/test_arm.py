@@ -1,0 +1,31 @@
+"""What an arm is called that stands or is limited otherwise than its setting says."""
+
+import pytest
+
+from benchmark.arm import arm_columns, arm_name, setting_text
+from envs.arms import arm_setting
+
+
+@pytest.mark.parametrize(
+    "changes, text, name",
+    [
+        ({}, "embodied", "ur10-embodied"),
+        ({"wrist": "out"}, "embodied, wrist out", "ur10-embodied-wrist_out"),
+        ({"base": (0.1, 0.0, 0.0)}, "embodied, base 0.1 0 0 m", "ur10-embodied-base_0.1_0_0_m"),
+        (
+            {"self_collision": False, "orientation_weight": 0.01},
+            "embodied, self-collision off, orientation weight 0.01",
+            "ur10-embodied-self-collision_off-orientation_weight_0.01",
+        ),
+    ],
+)
+def test_an_arm_is_called_by_its_setting_and_what_is_otherwise(changes, text, name):
+    arm = arm_setting("ur10", "embodied", **changes)
+    assert setting_text(arm_columns(arm)) == text
+    assert arm_name(arm) == name
+
+
+def test_each_arm_of_a_setting_is_called_by_it_alone():
+    for robot in ("xarm6", "ur3", "ur5", "ur10"):
+        for setting in ("original", "embodied", "best"):
+            assert arm_name(arm_setting(robot, setting)) == f"{robot}-{setting}"
