@@ -22,7 +22,7 @@ def draw_success(table: "pd.DataFrame") -> "Figure":
     """For each method of one arm p2 against its scale, with 95 % intervals, beside direct transfer.
 
     Args:
-        table: Rows of `benchmark.scales.scale_table`.
+        table: Rows of `benchmark.scale_table.scale_table`.
     """
     direct = table[table.method == "direct"].iloc[0]
     curves = [

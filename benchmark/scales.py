@@ -12,6 +12,7 @@ from benchmark.command import SettingError, check_setting, run_command
 from benchmark.config import TASK_ARMS, ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig
 from benchmark.outputs import replacing
 from benchmark.recipe import USUAL
+from benchmark.scale_table import ARM, METHOD, scale_table
 from policies.methods import METHODS
 
 if TYPE_CHECKING:
@@ -46,15 +47,6 @@ COLLAPSE = 0.5
 
 EPISODE_SECONDS = 0.3
 """About what an episode on a UR3, where many last long, takes on one core; for the budget."""
-
-ARM = [
-    "robot", "setting", "base", "branch", "self_collision", "joint_limits", "orientation_weight", "sampler",
-    "sampling_steps",
-]  # fmt: skip
-"""Columns of the episodes table that a scale is chosen for."""
-
-METHOD = ["method", "cell_size", "field_fingerprint"]
-"""And these: slopes of two fields are of two sizes, so that a scale holds for one of them."""
 
 
 @dataclass
@@ -274,42 +266,6 @@ def run_points(
             progress.advance(task, len(episodes))
     after = stored()
     return {method: sum(after[rollout].p2.mean() for rollout in group) / len(group) for method, group in points.items()}
-
-
-def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
-    """A row per arm, method, field and scale, over all checkpoints: n, p2, score, and differences to direct transfer.
-
-    Differences are paired: same checkpoint, same episode. `chosen` is the scale with the best p2, of equal ones the
-    smallest. Intervals are for other trainings and other episodes.
-    """
-    import pandas as pd
-
-    from benchmark.statistics import Crossed, clustered_difference, clustered_mean
-
-    def crossed(rows: pd.DataFrame, values: pd.Series) -> Crossed:
-        return Crossed(values.to_numpy(float), rows.checkpoint_hash.to_numpy(str), rows.episode_seed.to_numpy())
-
-    rows = []
-    for arm, group in episodes.groupby(ARM, sort=True):
-        direct = group[group.method == "direct"]
-        for key, point in group.groupby([*METHOD, "lambda"], sort=False, dropna=False):
-            pairs = point.merge(direct, on=["checkpoint_hash", "episode_seed"], suffixes=("", "_direct"))
-            row = dict(zip([*ARM, *METHOD, "lambda"], (*arm, *key), strict=True))
-            row |= {"n": len(point), "checkpoints": point.checkpoint_hash.nunique()}
-            for name in ("p2", "score"):
-                less = pairs[name].astype(float) - pairs[f"{name}_direct"].astype(float)
-                rate, difference = (
-                    clustered_mean(crossed(point, point[name])),
-                    clustered_difference(crossed(pairs, less)),
-                )
-                row |= dict(zip((name, f"{name}_low", f"{name}_high"), rate, strict=True))
-                of_difference = (f"{name}_difference", f"{name}_difference_low", f"{name}_difference_high")
-                row |= dict(zip(of_difference, difference, strict=True))
-            rows.append(row)
-    table = pd.DataFrame(rows).sort_values([*ARM, *METHOD, "lambda"], ignore_index=True)
-    in_order = table.sort_values(["p2", "lambda"], ascending=[False, True])
-    best = in_order.groupby([*ARM, *METHOD], dropna=False).head(1)
-    return table.assign(chosen=table.index.isin(best.index))
 
 
 def chosen_scale(config: RunConfig) -> float:

@@ -8,6 +8,7 @@ from PIL import Image
 from benchmark import field_sensitivity, rollout, scales
 from benchmark.command import SettingError
 from benchmark.config import RobotConfig
+from benchmark.scale_table import scale_table
 from benchmark.scales import ScalesConfig
 from policies.methods import METHODS
 from tests.made_up_episodes import CONDITION, episode
@@ -33,7 +34,7 @@ def test_the_table_is_what_counting_by_hand_gives():
         + rows("paper", 0.5, [1, 1, 0, 0]) + rows("paper", 0.5, [1, 1, 0, 0], weights="other")
         + rows("paper", 1.0, [1, 1, 1, 1]) + rows("paper", 1.0, [0, 0, 0, 0], weights="other")
     )  # fmt: skip
-    table = scales.scale_table(episodes).set_index(["method", "lambda"])
+    table = scale_table(episodes).set_index(["method", "lambda"])
     paper = table.loc["paper", 0.5]
     assert (paper.n, paper.p2, paper.checkpoints) == (8, 0.5, 2)
     assert paper.p2_difference == pytest.approx(0.5 - 0.25)  # Not what pairing by the episode alone would give.
@@ -47,7 +48,7 @@ def test_scales_of_two_fields_are_two():
     coarse = pd.DataFrame(rows("paper", 0.5, [1, 1]) + rows("paper", 1.0, [0, 1])).assign(cell_size=0.05)
     fine = pd.DataFrame(rows("paper", 0.5, [0, 0]) + rows("paper", 1.0, [0, 1])).assign(cell_size=0.02)
     of_both = [coarse.assign(field_fingerprint="a"), fine.assign(field_fingerprint="b")]
-    table = scales.scale_table(pd.concat([pd.DataFrame(rows("direct", 0.0, [1, 0])), *of_both], ignore_index=True))
+    table = scale_table(pd.concat([pd.DataFrame(rows("direct", 0.0, [1, 0])), *of_both], ignore_index=True))
     chosen = table[table.chosen & (table.method == "paper")]
     assert [*zip(chosen.cell_size, chosen["lambda"], chosen.p2, strict=True)] == [(0.02, 1, 0.5), (0.05, 0.5, 1)]
     assert "paper, cells 0.02 m" in scales.markdown(table)
