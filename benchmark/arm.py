@@ -1,6 +1,7 @@
 """The arm that settings describe, checked before anything is rolled out on it."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +39,20 @@ def arm_columns(arm: "ArmSetting") -> dict[str, object]:
         "joint_limits": arm.joint_limits,
         "orientation_weight": arm.orientation_weight,
     }
+
+
+def arm_of(row: Mapping[str, Any]) -> "ArmSetting":
+    """The arm of a row, as it stood."""
+    from envs.arms import arm_setting
+
+    base = tuple(map(float, row["base"].split()))
+    return replace(
+        arm_setting(row["robot"], row["setting"]),
+        base=base,
+        wrist=row["branch"],
+        self_collision=bool(row["self_collision"]),
+        orientation_weight=float(row["orientation_weight"]),
+    )
 
 
 def setting_text(row: Mapping[str, Any]) -> str:

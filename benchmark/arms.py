@@ -5,7 +5,6 @@ python -m benchmark.arms
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from itertools import batched
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +14,7 @@ import numpy as np
 from benchmark.arm import arm_columns, of_arm
 from benchmark.command import check_setting, run_command
 from benchmark.config import FIRST_TEST_SEED, ORACLES, SETTINGS, check_folder, check_seeds, check_targets
-from benchmark.oracle import play_episode
+from benchmark.oracle import CHUNK, ArmOracle, play_chunk
 from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
@@ -30,8 +29,6 @@ BASE_X = np.round(np.arange(-0.04, 0.141, 0.02), 2)
 """Base positions of the figure, in [m]; y and z are the common base's."""
 WEIGHTS = (0.01, 0.1, 10.0)
 """Factors of the orientation's weight."""
-CHUNK = 25
-"""Episodes that are played and stored together."""
 RING_MODEL = {
     "ur3": {0.0: 70, 0.04: 93, 0.08: 97, 0.11: 88, 0.14: 68},
     "ur10": {0.0: 98, 0.04: 78, 0.08: 55, 0.11: 35, 0.14: 17},
@@ -90,6 +87,11 @@ class OracleCondition:
     arm: "ArmSetting"
     oracle: str
     """`plain` or `aware`."""
+
+    @property
+    def player(self) -> ArmOracle:
+        """Who plays its episodes."""
+        return ArmOracle(self.arm, self.oracle)
 
     @property
     def columns(self) -> dict[str, object]:
@@ -163,6 +165,7 @@ def play_missing(conditions: list[OracleCondition], config: ArmsConfig, console:
 
     from benchmark.code_version import code_version
     from benchmark.progress import progress_bar
+    from benchmark.results import OPTIONAL
     from richmap.worker import start_worker
 
     file = Path(config.output_dir) / "arms" / "oracle_episodes.parquet"
@@ -178,13 +181,16 @@ def play_missing(conditions: list[OracleCondition], config: ArmsConfig, console:
         progress_bar(console) as progress,
     ):
         task = progress.add_task("Oracles", total=total, completed=total - sum(len(seeds) for _, seeds in chunks))
-        for (condition, _), outcomes in zip(chunks, pool.map(play_chunk, chunks), strict=True):
+        played = pool.map(play_chunk, [(condition.player, part) for condition, part in chunks])
+        for (condition, part), outcomes in zip(chunks, played, strict=True):
             progress.update(
                 task, description=f"{condition.oracle} oracle on {condition.arm.robot}, {condition.arm.name}"
             )
-            stored = pd.concat([stored, outcomes.assign(**condition.columns, code_version=code)], ignore_index=True)
+            rows = [{"episode_seed": seed, **asdict(x)} for seed, x in zip(part, outcomes, strict=True)]
+            table = pd.DataFrame(rows).drop(columns=["path_x", "path_y"]).assign(**condition.columns, code_version=code)
+            stored = pd.concat([stored, table.astype(OPTIONAL)], ignore_index=True)
             store(file, stored)
-            progress.advance(task, len(outcomes))
+            progress.advance(task, len(part))
     wanted = pd.DataFrame([condition.columns for condition in conditions]).drop_duplicates()
     return stored[stored.episode_seed.isin(seeds)].merge(wanted)
 
@@ -203,22 +209,10 @@ def rows_of(episodes: "pd.DataFrame", condition: OracleCondition) -> "pd.DataFra
     return of_arm(episodes[episodes.oracle == condition.oracle], condition.arm)
 
 
-def play_chunk(chunk: tuple[OracleCondition, tuple[int, ...]]) -> "pd.DataFrame":
-    """Outcomes of a condition's episodes with these seeds, without the paths."""
-    import pandas as pd
-
-    condition, seeds = chunk
-    play = partial(play_episode, condition.arm, condition.oracle)
-    rows = pd.DataFrame([{"episode_seed": seed, **asdict(play(seed))} for seed in seeds])
-    return rows.drop(columns=["path_x", "path_y"])
-
-
 def store(file: Path, episodes: "pd.DataFrame") -> None:
     """Write the table, atomically."""
-    from benchmark.results import OPTIONAL
-
     with replacing(file) as path:
-        episodes.astype(OPTIONAL).to_parquet(path, index=False)
+        episodes.to_parquet(path, index=False)
 
 
 def feasibility_table(robot: str, setting: str, spacing: float) -> "TableFeasibility":

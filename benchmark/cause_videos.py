@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.command import SettingError, check_setting, run_command
-from benchmark.config import TASK_ARMS, RunConfig, check_folder
+from benchmark.config import ORACLE_METHODS, TASK_ARMS, RunConfig, check_folder
 from benchmark.outputs import replacing
+from benchmark.recipe import SHIPPED
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -47,9 +48,10 @@ def main(config: CauseVideosConfig) -> None:
     files = sorted(Path(config.episodes).rglob("episodes.parquet"))
     tables = [table for file in files if len(table := read_trusted(file))]
     failed = pd.concat([table[table.failure_cause.notna()] for table in tables], ignore_index=True) if tables else []
+    failed = failed[~failed.method.isin(ORACLE_METHODS.values())] if len(failed) else failed
     if not len(failed):
         raise SettingError(f"{config.episodes} holds no failed episodes. Make some: python -m benchmark.run robot=ur3")
-    chosen = examples(failed, code_version(), shipped())
+    chosen = examples(failed, code_version(), set().union(*map(shipped, SHIPPED)))
     for row in chosen.to_dict("records"):
         rollout = row_rollout(row, ReplayConfig(workers=config.workers), console)
         file = output_dir / "figures" / "causes" / f"{row['failure_cause']}.webp"

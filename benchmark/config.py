@@ -27,8 +27,10 @@ FIRST_TEST_SEED = 100_000
 SETTINGS = ("original", "embodied", "best")
 """What an arm may do and where it stands (`envs.arms.SETTINGS`)."""
 
-ORACLES = ("plain", "aware")
-"""Scripted oracles (`envs.oracle`, `envs.aware_oracle`)."""
+ORACLE_METHODS = {"plain": "plain_oracle", "aware": "aware_oracle"}
+"""Scripted oracles (`envs.oracle`, `envs.aware_oracle`), and what stands in the column `method` of their episodes."""
+
+ORACLES = tuple(ORACLE_METHODS)
 
 
 @dataclass(unsafe_hash=True)
@@ -286,7 +288,7 @@ class OracleConfig:
     seed_start: int = 50_000
     """Seed of the first episode."""
     output_dir: str = "outputs/oracle"
-    """Folder of <robot>-<setting>-<oracle>/oracle.json."""
+    """Folder of <robot>-<setting>/episodes.parquet (with what of the arm is changed, as ur10-embodied-wrist_out)."""
     workers: int = 2
     """Processes that roll out; results do not depend on it. A whole number >= 1."""
     arm: ArmConfig = field(default_factory=ArmConfig)

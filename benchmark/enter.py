@@ -7,8 +7,9 @@ python -m benchmark.enter entry=their_entry table=their_entry.parquet
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
 
+    from benchmark.results import Episode
     from benchmark.rollout import Rollout
 
 ALONE = 3
@@ -38,9 +40,9 @@ class EnterConfig:
     """Folder of the entry: entry.yaml, and what it names. Its code is run: read it first."""
     table: str = ""
     """A table of episodes that was sent with the entry: nothing is stored, the table is checked. Empty to evaluate."""
-    replays: int = 100
-    """With table=: how many of its rows, drawn at random, are replayed; a whole number >= 0. If all of them come out
-    alike, fewer than 3 / replays of the table are edited, at 95 %."""
+    replays: int | None = None
+    """With table=: how many of its rows, drawn at random, are rolled out again; null for all of them (6,000 take about
+    20 minutes). If all of n come out alike, fewer than 3 / n of the table are edited, at 95 %."""
     robots: list[str] = field(default_factory=lambda: list(TASK_ARMS))
     """Arms, as in robots=[ur3,ur5]; the protocol has all four."""
     settings: list[str] = field(default_factory=lambda: ["embodied"])
@@ -61,7 +63,8 @@ class EnterConfig:
     energy: EnergyConfig = field(default_factory=EnergyConfig)
 
     def __post_init__(self) -> None:
-        check_setting(self.replays >= 0, "replays", self.replays, "a whole number >= 0")
+        some = self.replays is None or self.replays >= 1
+        check_setting(some, "replays", self.replays, "a whole number >= 1, or null for all rows")
         check_setting(bool(self.robots), "robots", self.robots, f"some of {', '.join(TASK_ARMS)}")
         for name in self.settings or [None]:
             check_setting(name in ("embodied", "best"), "settings", name, "embodied, best")
@@ -81,8 +84,8 @@ class EnterConfig:
 
 def main(config: EnterConfig) -> None:
     """Roll the entry out where that is not stored yet. Or, with table=, check what was sent with it: its rows have to
-    be those that this tree makes of the entry, none missing, doubled or edited, and some of them are replayed. The
-    exit status is 1 if it is refused."""
+    be those that this tree makes of the entry, none missing, doubled or edited, and all of them, or some, are rolled
+    out again. The exit status is 1 if it is refused."""
     check_setting(bool(config.entry), "entry", config.entry, "the folder of an entry, as in entry=my_entry")
     entry = Entry.load(Path(config.entry))
     checkpoints = entry.checkpoints(config.seeds)
@@ -104,9 +107,11 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     """Roll out and store what is missing, and print the scores of each arm, setting and policy."""
     import pandas as pd
 
-    from benchmark.results import drop_outdated, read_episodes
+    from benchmark.replay import alone
+    from benchmark.results import drop_outdated
     from benchmark.run import run_and_store_all
     from benchmark.scores import SCORES, by_condition, with_interval
+    from benchmark.trusted_rows import read_trusted
 
     folder = Path(run.output_dir)
     if folder.resolve() == entry.folder.resolve():
@@ -119,15 +124,16 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
         shutil.copyfile(entry.folder / "entry.yaml", path)
     if dropped := drop_outdated(folder, rollouts[0].condition):
         console.print(f"{dropped} rows that other files of the entry or older code made are dropped and run again.")
-    before = read_episodes(folder)
+    before = read_trusted(folder / "episodes.parquet")
     tables = run_and_store_all(rollouts, run, entry.about.name, console)
     for row in (by_condition(table).iloc[0] for table in tables):
         scores = ", ".join(f"{name} {with_interval(row, name)}" for name in SCORES)
         console.print(f"{row.robot}, {row.setting}, {row.checkpoint}, n = {row.n}: {scores}", soft_wrap=True)
     made = pd.concat(tables)
     made = made[~made.row_hash.isin(before.get("row_hash", []))]
-    alone = made.sample(min(ALONE, len(made)), random_state=0)
-    if refused := list(replayed_otherwise(alone, rollouts)):
+    some = made.sample(min(ALONE, len(made)), random_state=0)
+    again = (alone(rollouts[nearest(row, rollouts)[0]], row["episode_seed"]) for row in some.to_dict("records"))
+    if refused := list(otherwise(some, again)):
         (folder / "episodes.parquet").rename(folder / "refused.parquet")
         raise SettingError(
             f"{refused[0]} An episode has to come out alike when it is run alone: the entry is random by itself, or "
@@ -148,13 +154,18 @@ def _check_author(entry: Entry, folder: Path) -> None:
 
 def check(config: EnterConfig, rollouts: "Sequence[Rollout]", console: "Console") -> None:
     """Say why the table is refused, and end with status 1, or that it is accepted."""
+    from benchmark.rollout import roll_out_all
     from benchmark.trusted_rows import read_trusted
 
     table = read_trusted(Path(config.table))
     refused = list(refusals(table, rollouts, range(FIRST_TEST_SEED, FIRST_TEST_SEED + config.episodes)))
     if not refused:
-        sample = table.sample(min(config.replays, len(table))).sort_values(["robot", "checkpoint"])
-        refused = list(replayed_otherwise(sample, rollouts))
+        sample = table.sample(min(config.replays or len(table), len(table)))
+        seeds: dict[Rollout, list[int]] = {}
+        for row in sample.to_dict("records"):
+            seeds.setdefault(rollouts[nearest(row, rollouts)[0]], []).append(row["episode_seed"])
+        again = chain.from_iterable(roll_out_all(seeds.items(), config.workers))
+        refused = list(otherwise(sample, again))
     for reason in refused[:SHOWN]:
         console.print(f"Refused: {reason}", soft_wrap=True, highlight=False)
     if refused:
@@ -162,9 +173,6 @@ def check(config: EnterConfig, rollouts: "Sequence[Rollout]", console: "Console"
         way_out = f"Make its rows here: python -m benchmark.enter entry={config.entry}"
         console.print(f"{config.table} is refused{more}. {way_out}", soft_wrap=True)
         sys.exit(1)
-    if not len(sample):
-        console.print(f"{config.table} fits its entry, but no row was replayed: nothing proves its numbers.")
-        return
     some = 3 < len(sample) < len(table)
     limit = f"; at 95 %, fewer than {3 / len(sample):.0%} of its rows can be edited" if some else ""
     accepted = f"{config.table} is accepted: {len(table)} rows, of which {len(sample)} replay to the last bit{limit}."
@@ -207,19 +215,22 @@ def nearest(row: Mapping[str, Any], rollouts: "Sequence[Rollout]") -> tuple[int,
     return which, differing[which]
 
 
-def replayed_otherwise(rows: "pd.DataFrame", rollouts: "Sequence[Rollout]") -> Iterator[str]:
-    """Which columns of rows come out otherwise here."""
+def otherwise(rows: "pd.DataFrame", episodes: "Iterable[Episode]") -> Iterator[str]:
+    """In which columns rows differ from their episodes, rolled out again."""
     from benchmark.progress import progress_bar
     from benchmark.replay import differences
-    from benchmark.results import row_name
+    from benchmark.results import IDENTITY, plain, row_name
 
+    def identity(row: Mapping[str, Any]) -> tuple:
+        return tuple(plain(row[name]) for name in IDENTITY)
+
+    stored = {identity(row): row for row in rows.to_dict("records")}
     with progress_bar() as progress:
-        for row in progress.track(rows.to_dict("records"), description="Replays"):
-            differing = differences(row, rollouts[nearest(row, rollouts)[0]])
+        for episode in progress.track(episodes, total=len(rows), description="Replays"):
+            row = stored[identity(episode.row())]
+            differing = differences(row, episode)
             if differing:
-                said = ", ".join(
-                    f"{name} is {stored}, not {replayed}" for name, (stored, replayed) in differing.items()
-                )
+                said = ", ".join(f"{name} is {sent}, not {replayed}" for name, (sent, replayed) in differing.items())
                 yield f"{row_name(row)}, replayed: {said}."
 
 

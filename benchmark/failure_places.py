@@ -39,7 +39,7 @@ class FailurePlacesConfig:
     robots: list[str] = field(default_factory=lambda: list(TASK_ARMS[1:]))
     """Target arms, as in robots=[ur3,ur5]."""
     settings: list[str] = field(default_factory=lambda: list(SETTINGS))
-    """Settings of the arms; those without stored episodes are left out."""
+    """Settings of the arms, also with another wrist or base; those without stored episodes are left out."""
     episodes: str = "results"
     """Folder under which episodes.parquet are read, of test seeds (100000 on) and lambda = 0."""
     output_dir: str = "results"
@@ -62,14 +62,13 @@ def main(config: FailurePlacesConfig) -> None:
     import pandas as pd
     from rich.console import Console
 
-    from benchmark.arm import of_arm
+    from benchmark.arm import arm_columns, of_arm, setting_text
     from benchmark.build_maps import energy_field
     from benchmark.config import FIRST_TEST_SEED
     from benchmark.feasibility_field import feasibility_field
     from benchmark.ranking import PROTOCOLS, counted
     from benchmark.run import shipped
     from benchmark.trusted_rows import read_all_episodes
-    from envs.arms import arm_setting
     from richmap.robots import load_robot
 
     console, output_dir = Console(), Path(config.output_dir)
@@ -77,22 +76,18 @@ def main(config: FailurePlacesConfig) -> None:
     episodes, tables, curves, drawn = read_all_episodes(Path(config.episodes), FIRST_TEST_SEED), [], [], []
     if len(episodes):
         episodes = episodes[episodes.checkpoint_hash.isin(shipped())]
-    for robot in config.robots:
-        for setting in config.settings:
-            arm, description = arm_setting(robot, setting), load_robot(robot)
-            rows = of_arm(episodes, arm)
-            direct = rows[rows.method == "direct"] if len(rows) else rows
-            if direct.empty:
-                continue
-            energy, _ = energy_field(description, arm.base, config.map, config.energy, config.workers, console)
-            distance, _ = feasibility_field(arm, console)
-            ends = ends_of(direct, arm, energy, distance)
-            tables.append(by_cause(ends).assign(robot=robot, setting=setting))
-            drawn.append((arm, energy, ends))
-            curve = counted(rows[rows.method.isin(["direct", "paper"])], paper, shipped())
-            if curve["lambda"].nunique() > 1:
-                scaled = ends_of(curve, arm, energy, distance).assign(scale=curve["lambda"].to_numpy())
-                curves.append(by_scale(scaled).assign(robot=robot, setting=setting))
+    for arm in stored_arms(episodes, config):
+        rows = of_arm(episodes, arm)
+        about = {"robot": arm.robot, "setting": setting_text(arm_columns(arm))}
+        energy, _ = energy_field(load_robot(arm.robot), arm.base, config.map, config.energy, config.workers, console)
+        distance, _ = feasibility_field(arm, console)
+        ends = ends_of(rows[rows.method == "direct"], arm, energy, distance)
+        tables.append(by_cause(ends).assign(**about))
+        drawn.append((arm, energy, ends))
+        curve = counted(rows[rows.method.isin(["direct", "paper"])], paper, shipped())
+        if curve["lambda"].nunique() > 1:
+            scaled = ends_of(curve, arm, energy, distance).assign(scale=curve["lambda"].to_numpy())
+            curves.append(by_scale(scaled).assign(**about))
     if not drawn:
         raise SettingError(
             f"{config.episodes} holds no episodes of direct transfer on test seeds of {', '.join(config.robots)}. "
@@ -104,6 +99,29 @@ def main(config: FailurePlacesConfig) -> None:
     with replacing(output_dir / "failure_places.md") as path:
         path.write_text(markdown(pd.concat(tables, ignore_index=True), curves))
     console.print(f"Table: {output_dir / 'failure_places.md'}", soft_wrap=True)
+
+
+def stored_arms(episodes: "pd.DataFrame", config: FailurePlacesConfig) -> "list[ArmSetting]":
+    """The arms of these robots and settings with episodes of direct transfer and an upright tool, as they stood: each
+    setting's own first."""
+    from benchmark.arm import arm_of
+    from benchmark.ranking import ARM
+    from envs.arms import arm_setting
+
+    if episodes.empty:
+        return []
+    order = [(setting, robot) for robot in config.robots for setting in config.settings]
+    rows = episodes[(episodes.method == "direct") & episodes.robot.isin(config.robots)]
+    arms = [arm_of(row) for row in rows[ARM].drop_duplicates().to_dict("records")]
+    usual = {(arm.name, arm.robot): arm_setting(arm.robot, arm.name) for arm in arms}
+    arms = [
+        arm
+        for arm in arms
+        if (arm.name, arm.robot) in order and arm.orientation_weight == usual[arm.name, arm.robot].orientation_weight
+    ]
+    return sorted(
+        arms, key=lambda arm: (order.index((arm.name, arm.robot)), arm != usual[arm.name, arm.robot], arm.base)
+    )
 
 
 def ends_of(
@@ -246,6 +264,7 @@ def places_figure(drawn: "list[tuple[ArmSetting, EnergyField, pd.DataFrame]]") -
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
+    from benchmark.arm import arm_columns, setting_text
     from benchmark.top_view import annotate, slope_over_table
     from envs.arms import HEIGHT
     from envs.failure import CAUSES
@@ -269,7 +288,7 @@ def places_figure(drawn: "list[tuple[ArmSetting, EnergyField, pd.DataFrame]]") -
         ax.plot(placed.x, placed.y, ".", color="tab:green", markersize=2, alpha=0.5)
         for cause, group in ends[ends.cause != PLACED].groupby("cause"):
             ax.plot(group.x, group.y, ".", color=colours[cause], markersize=5)
-        ax.set(title=f"{arm.robot}, {arm.name}", xlabel="x [m]", ylabel="y [m]")
+        ax.set(title=f"{arm.robot}, {setting_text(arm_columns(arm))}", xlabel="x [m]", ylabel="y [m]")
         ax.label_outer()
         figure.colorbar(mesh, ax=ax, label="E", shrink=0.7)
     for ax in panels[len(drawn) :]:

@@ -21,8 +21,8 @@ class LeaderboardConfig:
     """Whose episodes count: robust (policies that ship and learned from mostly disturbed episodes, and entries) or
     clean (those that learned from undisturbed ones alone)."""
     output_dir: str = "results"
-    """Folder below which every episodes.parquet is read, with the oracles' scores in its folders arms and oracle. Both
-    files go to it, for clean to its folder clean; moving pictures come from the folder figures beside them."""
+    """Folder below which every episodes.parquet is read, of policies and of oracles. Both files go to it, for clean to
+    its folder clean; moving pictures come from the folder figures beside them."""
 
     def __post_init__(self) -> None:
         check_recipe(self.recipe, SHIPPED)
@@ -45,7 +45,7 @@ def main(config: LeaderboardConfig) -> None:
     for protocol in PROTOCOLS:
         rows = counted(episodes, protocol, ours)
         if len(rows):
-            tables[protocol] = with_oracles(leaderboard(rows, protocol), folder)
+            tables[protocol] = with_oracles(leaderboard(rows, protocol), episodes)
     if not tables:
         raise SettingError(
             f"There are no test episodes (seeds from {FIRST_TEST_SEED}) of a protocol that count, in any "

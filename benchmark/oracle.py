@@ -3,105 +3,129 @@
 python -m benchmark.oracle robot=ur3 setting=embodied episodes=300 oracle=aware
 """
 
-import json
-from dataclasses import asdict
+from dataclasses import dataclass
 from functools import lru_cache, partial
+from itertools import batched
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.command import run_command
-from benchmark.config import OracleConfig
-from benchmark.outputs import replacing
+from benchmark.config import ORACLE_METHODS, OracleConfig
 
 if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
 
+    from benchmark.results import Condition
     from envs.arms import ArmSetting
+    from envs.feasibility import TableFeasibility
     from envs.outcome import EpisodeOutcome
+
+CHUNK = 25
+"""Episodes that are played and stored together."""
+
+
+@dataclass(frozen=True)
+class ArmOracle:
+    """One of the oracles, on an arm."""
+
+    arm: "ArmSetting"
+    oracle: str
+    """`plain` or `aware`."""
+
+    @property
+    def condition(self) -> "Condition":
+        """What its episodes are run with, in the columns of the episodes table: without a policy."""
+        import math
+
+        from benchmark.arm import arm_columns
+        from benchmark.results import Condition
+        from benchmark.run import versions
+
+        code_version, commit = versions()
+        return Condition(
+            **arm_columns(self.arm),
+            method=ORACLE_METHODS[self.oracle],
+            guidance_scale=0.0,
+            sampler="none",
+            sampling_steps=0,
+            training_seed=-1,
+            checkpoint="",
+            checkpoint_hash="",
+            field_fingerprint="",
+            cell_size=math.nan,
+            batch_shape=1,
+            device="cpu",
+            code_version=code_version,
+            commit=commit,
+        )
 
 
 def main(config: OracleConfig) -> None:
-    """Roll the oracle out, print its scores and causes of failure, and write `oracle.json`."""
+    """Play the episodes that are not stored, store them, and print the oracle's scores and causes of failure."""
     from rich.console import Console
 
     from benchmark.arm import arm_name, chosen_arm
-    from benchmark.code_version import code_version, commit
     from benchmark.scores import SCORES, causes_text
     from benchmark.statistics import rate_interval
 
-    arm = chosen_arm(config)
-    console = Console()
-    table = roll_out(arm, config, console)
+    player = ArmOracle(chosen_arm(config), config.oracle)
+    output_dir, console = Path(config.output_dir) / arm_name(player.arm), Console()
+    table = play_missing(player, config, output_dir, console)
     for name in SCORES:
         values = table[name].to_numpy(dtype=float)
         low, high = rate_interval(values)
         console.print(f"{name}: {100 * values.mean():.1f} % [{100 * low:.1f}, {100 * high:.1f}]")
-    result = {"oracle": config.oracle, **summary(arm, config.seed_start, table)}
-    result |= {"code_version": code_version(), "commit": commit()}
-    console.print(f"Mean length {result['mean_length']:.1f} steps")
-    if result["tracking_error_max_solved"] is not None:
-        console.print(f"Tracking error of solved episodes at most {1000 * result['tracking_error_max_solved']:.1f} mm")
-    console.print(f"Failed episodes by cause: {causes_text(result['causes'])}")
-
-    file = Path(config.output_dir) / f"{arm_name(arm)}-{config.oracle}" / "oracle.json"
-    with replacing(file) as path:
-        path.write_text(json.dumps(result, indent=2) + "\n")
-    console.print(f"Result: {file}", soft_wrap=True)
+    solved = table[table.p2]
+    console.print(f"Mean length {table.length.mean():.1f} steps, of solved episodes {solved.length.mean():.1f}")
+    if len(solved):
+        console.print(f"Tracking error of solved episodes at most {1000 * solved.tracking_error_max.max():.1f} mm")
+    console.print(f"Failed episodes by cause: {causes_text(table.failure_cause.dropna().value_counts().to_dict())}")
+    console.print(f"Episodes: {output_dir / 'episodes.parquet'}", soft_wrap=True)
 
 
-def roll_out(arm: "ArmSetting", config: OracleConfig, console: "Console") -> "pd.DataFrame":
-    """Outcomes of all episodes, one row each."""
+def play_missing(player: ArmOracle, config: OracleConfig, output_dir: Path, console: "Console") -> "pd.DataFrame":
+    """Rows of all episodes: the stored ones, and the rest played and stored a few at a time."""
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
-    import pandas as pd
-
     from benchmark.progress import progress_bar
+    from benchmark.results import Episode, episodes_of, read_episodes, store_episodes
     from richmap.worker import start_worker
 
     seeds = range(config.seed_start, config.seed_start + config.episodes)
-    outcomes = []
+
+    def stored() -> "pd.DataFrame":
+        rows = episodes_of(read_episodes(output_dir), player.condition)
+        return rows[rows.episode_seed.isin(seeds)] if len(rows) else rows
+
+    done = {*stored().get("episode_seed", [])}
+    chunks = [(player, part) for part in batched((seed for seed in seeds if seed not in done), CHUNK)]
+    condition = player.condition
+    name = f"{player.oracle.capitalize()} oracle on {player.arm.robot}, {player.arm.name}"
     executor = ProcessPoolExecutor(config.workers, get_context("spawn"), initializer=start_worker)
     with executor as pool, progress_bar(console) as progress:
-        task = progress.add_task(f"{config.oracle.capitalize()} oracle on {arm.robot}, {arm.name}", total=len(seeds))
-        for outcome in pool.map(partial(play_episode, arm, config.oracle), seeds, chunksize=5):
-            outcomes.append(asdict(outcome))
-            progress.advance(task)
-    return pd.DataFrame(outcomes)
+        task = progress.add_task(name, total=len(seeds), completed=len(done))
+        for (_, part), outcomes in zip(chunks, pool.map(play_chunk, chunks), strict=True):
+            pairs = zip(part, outcomes, strict=True)
+            store_episodes(output_dir, [Episode(condition, seed, 0, outcome) for seed, outcome in pairs])
+            progress.advance(task, len(part))
+    return stored()
 
 
-def summary(arm: "ArmSetting", seed_start: int, table: "pd.DataFrame") -> dict[str, object]:
-    """What `oracle.json` holds; lengths in [steps], tracking errors in [m], null where nothing was solved."""
-    solved = table[table.p2]
-    return {
-        **{key if key != "name" else "setting": value for key, value in asdict(arm).items()},
-        "n": len(table),
-        "seed_start": seed_start,
-        "p1": float(table.p1.mean()),
-        "p2": float(table.p2.mean()),
-        "mean_score": float(table.score.mean()),
-        "success_at_end": float(table.success_at_end.mean()),
-        "mean_length": float(table.length.mean()),
-        "mean_length_solved": float(solved.length.mean()) if len(solved) else None,
-        "tracking_error_mean": float(table.tracking_error_mean.mean()),
-        "tracking_error_max_solved": float(solved.tracking_error_max.max()) if len(solved) else None,
-        "causes": table.failure_cause.dropna().value_counts().to_dict(),
-    }
-
-
-def play_episode(arm: "ArmSetting", oracle: str, seed: int) -> "EpisodeOutcome":
-    """Outcome of one episode of the plain or the aware oracle."""
+def play_chunk(chunk: tuple[ArmOracle, tuple[int, ...]]) -> "list[EpisodeOutcome]":
+    """Outcomes of an oracle's episodes on an arm with these seeds."""
     from envs.aware_oracle import AwareOracle
     from envs.oracle import Oracle, run_oracle
     from envs.outcome import summarize
 
-    make_oracle = Oracle if oracle == "plain" else partial(AwareOracle, _table(arm))
-    return summarize(run_oracle(_environment(arm), seed, make_oracle))
+    player, seeds = chunk
+    make_oracle = Oracle if player.oracle == "plain" else partial(AwareOracle, _table(player.arm))
+    return [summarize(run_oracle(_environment(player.arm), seed, make_oracle)) for seed in seeds]
 
 
 @lru_cache(maxsize=2)
-def _table(arm: "ArmSetting"):
+def _table(arm: "ArmSetting") -> "TableFeasibility":
     """Where the arm can hold its tool; once per worker process, since it takes seconds."""
     from envs.feasibility import table_feasibility
 

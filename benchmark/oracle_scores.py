@@ -1,11 +1,8 @@
 """What the scripted oracles reach on an arm: the reference (plain) and the ceiling (aware) of its policies."""
 
-import json
-from pathlib import Path
-
 import pandas as pd
 
-from benchmark.config import FIRST_TEST_SEED
+from benchmark.config import ORACLE_METHODS
 from benchmark.ranking import ARM
 from benchmark.scores import SCORES
 from benchmark.statistics import rate_interval
@@ -13,40 +10,33 @@ from benchmark.statistics import rate_interval
 ROLES = {"reference": "plain", "ceiling": "aware"}
 
 
-def with_oracles(table: pd.DataFrame, folder: Path) -> pd.DataFrame:
-    """A leaderboard with the columns `reference` and `ceiling`: n, first seed and scores, or None if not measured.
+def with_oracles(table: pd.DataFrame, episodes: pd.DataFrame) -> pd.DataFrame:
+    """A leaderboard with the columns `reference` and `ceiling`: n, first seed and scores, or None if not played.
 
-    The oracle's arm must be the policy's in all columns that describe it. Of several measurements the one on the test
-    episodes counts, and of those the one of most.
+    Args:
+        table: The leaderboard.
+        episodes: Rows of all methods. An oracle's arm must be the policy's in all columns that describe it, and the
+            version of the code must be the same.
     """
-    measured = sorted(oracle_scores(folder), key=lambda x: (x["first"] != FIRST_TEST_SEED, -x["n"]))
+    key = [*ARM, "code_version"]
+    if "method" not in episodes:
+        return table.assign(**dict.fromkeys(ROLES))
     return table.assign(
         **{
-            role: [
-                next(
-                    (x for x in measured if x["oracle"] == oracle and all(x[k] == row[k] for k in ARM)),
-                    None,
-                )
-                for row in table.to_dict("records")
-            ]
+            role: [played.get(tuple(row)) for row in table[key].itertuples(index=False)]
             for role, oracle in ROLES.items()
+            for played in [_scores(episodes[episodes.method == ORACLE_METHODS[oracle]].groupby(key))]
         }
     )
 
 
-def oracle_scores(folder: Path) -> list[dict]:
-    """Scores with their intervals of all oracles on all arms: by `benchmark.arms`, then by `benchmark.oracle`."""
-    scores = []
-    for file in sorted(folder.glob("arms/*.parquet")):
-        for arm, rows in pd.read_parquet(file).groupby([*ARM, "oracle"]):
-            about = dict(zip([*ARM, "oracle"], arm, strict=True)) | {"n": len(rows), "first": rows.episode_seed.min()}
-            scores.append(about | {name: float(rows[name].mean()) for name in SCORES})
-    for file in sorted(folder.glob("oracle/*/oracle.json")):
-        found = json.loads(file.read_text())
-        about = found | {"score": found["mean_score"], "first": found["seed_start"], "branch": found["wrist"]}
-        about["base"] = " ".join(f"{x:g}" for x in found["base"])
-        scores.append({name: about[name] for name in [*ARM, "oracle", "n", "first", *SCORES]})
-    for row in scores:
+def _scores(groups) -> dict[tuple, dict[str, float]]:
+    """n, first seed and scores with Wilson intervals of each group."""
+    scores = {}
+    for key, rows in groups:
+        scores[key] = {"n": len(rows), "first": int(rows.episode_seed.min())}
         for name in SCORES:
-            row[f"{name}_low"], row[f"{name}_high"] = rate_interval([row[name]] * row["n"])
+            values = rows[name].to_numpy(dtype=float)
+            low, high = rate_interval(values)
+            scores[key] |= {name: float(values.mean()), f"{name}_low": low, f"{name}_high": high}
     return scores

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from benchmark.checkpoint import GUIDED, Checkpoint
 from benchmark.command import SettingError, check_setting, run_command
-from benchmark.config import ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig
+from benchmark.config import ORACLE_METHODS, ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig
+from benchmark.field_settings import noted_settings
 from benchmark.run import CHECKPOINTS, make_rollout
 from policies.methods import METHODS
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from benchmark.entry import Entry
+    from benchmark.results import Episode
     from benchmark.rollout import Rollout
 
 NOT_REPLAYED = {"commit", "row_hash"}
@@ -69,14 +71,14 @@ def main(config: ReplayConfig) -> None:
     for row in rows:
         console.print(f"{row_name(row)} ({row['row_hash']})", soft_wrap=True, highlight=False)
         try:
-            rollout = row_rollout(row, config, console)
+            episode = again(row, config, console)
         except SettingError as error:
             if len(rows) == 1:
                 raise
             console.print(f"  not replayed: {error}", soft_wrap=True, highlight=False)
             missing += 1
             continue
-        differing = differences(row, rollout)
+        differing = differences(row, episode)
         code = differing.pop("code_version", None)
         if row_hash(row) != row["row_hash"]:
             differing["row_hash"] = row["row_hash"], "another one: the row was edited after it was stored"
@@ -137,17 +139,46 @@ def chosen_rows(config: ReplayConfig) -> "pd.DataFrame":
     return rows
 
 
-def differences(row: Mapping[str, Any], rollout: "Rollout") -> dict[str, tuple[Any, Any]]:
-    """Columns in which an episode, rolled out alone, differs from its row: stored and replayed value."""
+def differences(row: Mapping[str, Any], episode: "Episode") -> dict[str, tuple[Any, Any]]:
+    """Columns in which an episode differs from its row: stored and replayed value."""
+    from benchmark.results import plain
+
+    values = {name: (plain(row.get(name)), plain(value)) for name, value in episode.row().items()}
+    return {name: pair for name, pair in values.items() if name not in NOT_REPLAYED and pair[0] != pair[1]}
+
+
+def again(row: Mapping[str, Any], config: ReplayConfig, console: "Console") -> "Episode":
+    """A row's episode, again and alone.
+
+    Raises:
+        SettingError: If a piece that it was made with is missing.
+    """
+    if row["method"] in ORACLE_METHODS.values():
+        return oracle_alone(row)
+    return alone(row_rollout(row, config, console), row["episode_seed"])
+
+
+def alone(rollout: "Rollout", seed: int) -> "Episode":
+    """An episode, rolled out without others in its batch."""
     import torch
 
-    from benchmark.results import plain
     from benchmark.rollout import play
 
     torch.set_num_threads(1)  # As in a rollout's worker process.
-    (episode,) = play(rollout, [row["episode_seed"]])
-    values = {name: (plain(row.get(name)), plain(value)) for name, value in episode.row().items()}
-    return {name: pair for name, pair in values.items() if name not in NOT_REPLAYED and pair[0] != pair[1]}
+    (episode,) = play(rollout, [seed])
+    return episode
+
+
+def oracle_alone(row: Mapping[str, Any]) -> "Episode":
+    """The episode of a scripted oracle."""
+    from benchmark.arm import arm_of
+    from benchmark.oracle import ArmOracle, play_chunk
+    from benchmark.results import Episode
+
+    (oracle,) = [name for name, method in ORACLE_METHODS.items() if method == row["method"]]
+    player, seed = ArmOracle(arm_of(row), oracle), row["episode_seed"]
+    (outcome,) = play_chunk((player, (seed,)))
+    return Episode(player.condition, seed, 0, outcome)
 
 
 def row_rollout(row: Mapping[str, Any], config: ReplayConfig, console: "Console") -> "Rollout":
@@ -164,6 +195,8 @@ def row_rollout(row: Mapping[str, Any], config: ReplayConfig, console: "Console"
         raise SettingError(f"{row_name(row)} ran on a GPU, and PyTorch finds none here. Replay it where it ran.")
     entry = row_entry(row, config.entry)
     checkpoint = row_checkpoint(row, config.policy, entry)
+    if noted := noted_settings(Path(config.table), row["field_fingerprint"]):
+        config = replace(config, map=noted[0], energy=noted[1])
     run = row_settings(row, config, Checkpoint(checkpoint).type == GUIDED)
     if entry is None:
         rollout = make_rollout(run, row["lambda"], checkpoint, console)

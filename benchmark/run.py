@@ -219,11 +219,13 @@ def run_and_store_all(
     rollouts: "Sequence[Rollout]", config: RunConfig, name: str, console: "Console"
 ) -> "list[pd.DataFrame]":
     """The same for several rollouts, one after another under one progress bar of this name."""
+    from benchmark.field_settings import note_settings
     from benchmark.progress import progress_bar
     from benchmark.results import episodes_of, read_episodes, store_episodes
     from benchmark.rollout import roll_out_all
 
     output_dir = Path(config.output_dir)
+    note_settings(output_dir, rollouts, config)
     seeds = range(config.seed_start, config.seed_start + config.episodes)
 
     def stored() -> "list[pd.DataFrame]":

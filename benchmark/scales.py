@@ -245,11 +245,14 @@ def run_points(
     points: "dict[str, list[Rollout]]", config: ScalesConfig, name: str, console: "Console"
 ) -> dict[str, float]:
     """Roll out what is not stored of some methods, each with all checkpoints, and give their p2."""
+    from benchmark.field_settings import note_settings
     from benchmark.progress import progress_bar
     from benchmark.results import episodes_of, store_episodes
     from benchmark.rollout import roll_out_all
 
     folder, seeds = config.folder, episode_seeds(config)
+    for method, rollouts in points.items():
+        note_settings(folder / method, rollouts, config.run(config.seeds[0]))
 
     def stored() -> "dict[Rollout, pd.DataFrame]":
         table = read_methods(folder)

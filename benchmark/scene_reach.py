@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmark.command import SettingError, check_setting, run_command
-from benchmark.config import FIRST_TEST_SEED, ORACLES, SETTINGS, TASK_ARMS, check_folder, check_targets
+from benchmark.config import FIRST_TEST_SEED, ORACLE_METHODS, SETTINGS, TASK_ARMS, check_folder, check_targets
 from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class SceneReachConfig:
     settings: list[str] = field(default_factory=lambda: ["embodied", "best"])
     """Settings of the arms, with their wrist in either branch; those without stored episodes are left out."""
     episodes: str = "results"
-    """Folder under which episodes.parquet are read, of the strict protocol, and arms/oracle_episodes.parquet."""
+    """Folder under which episodes.parquet are read, of the strict protocol and of the oracles."""
     output_dir: str = "results"
     """Folder of scene_reach.md; the figure goes to its folder figures."""
 
@@ -59,13 +59,14 @@ def main(config: SceneReachConfig) -> None:
 
     console, folder = Console(), Path(config.episodes)
     (strict,) = [protocol for protocol in PROTOCOLS if protocol.name == "strict"]
-    episodes = counted(read_all_episodes(folder, FIRST_TEST_SEED), strict, shipped())
+    every = read_all_episodes(folder, FIRST_TEST_SEED)
+    episodes = counted(every, strict, shipped())
     tables = {}
     usual = [arm_setting(robot, setting) for robot in config.robots for setting in config.settings]
     for arm in [replace(arm, wrist=wrist) for arm in usual for robot, wrist in POSTURES if robot == arm.robot]:
         rows = with_leaning_tools(episodes, arm)
         if len(rows):
-            tables[arm] = by_demand(rows, oracle_rows(arm, folder), demands(arm, rows.episode_seed.unique(), console))
+            tables[arm] = by_demand(rows, oracle_rows(every, arm), demands(arm, rows.episode_seed.unique(), console))
     if not tables:
         raise SettingError(
             f"{config.episodes} holds no episodes of the strict protocol of {', '.join(config.robots)}. "
@@ -124,18 +125,11 @@ def demands(arm: "ArmSetting", seeds: np.ndarray, console: "Console") -> "pd.Ser
     return pd.Series(np.minimum(straight, crossed), index=seeds)
 
 
-def oracle_rows(arm: "ArmSetting", folder: Path) -> "pd.DataFrame":
-    """Stored episodes of both oracles on an arm that stood alike, as methods of their name; none if not measured."""
-    import pandas as pd
+def oracle_rows(episodes: "pd.DataFrame", arm: "ArmSetting") -> "pd.DataFrame":
+    """The episodes of both oracles on an arm that stood alike; none if not played."""
+    from benchmark.arm import of_arm
 
-    from benchmark.arms import OracleCondition, rows_of
-
-    file = folder / "arms" / "oracle_episodes.parquet"
-    if not file.exists():
-        return pd.DataFrame()
-    stored = pd.read_parquet(file)
-    both = [rows_of(stored, OracleCondition("", arm, oracle)).assign(method=f"{oracle} oracle") for oracle in ORACLES]
-    return pd.concat(both).assign(training_seed=0)
+    return of_arm(episodes[episodes.method.isin(ORACLE_METHODS.values())], arm)
 
 
 def by_demand(episodes: "pd.DataFrame", oracles: "pd.DataFrame", asked: "pd.Series") -> "pd.DataFrame":
@@ -175,7 +169,7 @@ beyond the border of what the arm can hold their straight pushes lead the tool, 
 block a target the less demanding one, of its two pushes the more demanding one. p2 in percent, in brackets 95 %
 intervals for other training seeds and scenes. *Orientation weight*: of the inverse kinematics, 1 m/rad where none is
 named; with less the tool leans where that brings it nearer to its command. The oracles' rows are those of
-`benchmark.arms`; they do not lean.
+`benchmark.oracle`; they do not lean.
 
 {tables}
 

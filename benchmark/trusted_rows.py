@@ -9,7 +9,7 @@ import pandas as pd
 from pandas.api.types import is_bool_dtype, is_float_dtype, is_integer_dtype
 
 from benchmark.command import SettingError
-from benchmark.config import SETTINGS, TASK_ARMS
+from benchmark.config import ORACLE_METHODS, SETTINGS, TASK_ARMS
 from benchmark.results import COLUMNS, IDENTITY, PRODUCER, Condition, read_table, row_hash, row_name
 from envs import MAX_EPISODE_STEPS
 from envs.failure import CAUSES
@@ -92,9 +92,10 @@ def contradictions(table: pd.DataFrame) -> dict[str, pd.Series]:
     """What no rollout stores, whatever its hash, and which rows have it."""
     score = np.where(table.p2, 1.0, np.where(table.p1, 0.49, 0.0))
     shares = table[[name for name in table if name.startswith("share_") or name == "self_contact_share"]]
+    methods = [*METHODS, *ORACLE_METHODS.values()]
     known = {"robot": TASK_ARMS, "setting": SETTINGS, "device": ("cpu", "cuda"), "failure_cause": CAUSES}
     return {f"its {name} is none of {', '.join(of)}": ~table[name].isin([*of, None]) for name, of in known.items()} | {
-        "its method is none of ours, and it has no entry_hash": ~table.method.isin(METHODS) & (table.entry_hash == ""),
+        "its method is none of ours, and it has no entry_hash": ~table.method.isin(methods) & (table.entry_hash == ""),
         f"it is longer than {MAX_EPISODE_STEPS} steps": table.length > MAX_EPISODE_STEPS,
         "its lambda is no number": ~np.isfinite(table["lambda"]),
         "its slot is not its seed modulo batch_shape": table.slot != table.episode_seed % table.batch_shape.clip(1),

@@ -76,8 +76,10 @@ def test_an_entry_with_a_guidance_class_is_evaluated_and_its_rows_are_accepted(e
     assert {*table.method} == {"mine"} and {*table.checkpoint} == {"seed42-1"} and (table.cell_size == 0.02).all()
     assert {*table.entry_hash} == {Entry.load(entry).files_hash}
     assert (entered / "mine" / "entry.yaml").read_text() == (entry / "entry.yaml").read_text()
-    enter.main(settings(entry, entered, table=str(entered / "mine" / "episodes.parquet"), replays=1))
-    assert "is accepted: 3 rows, of which 1 replay to the last bit." in " ".join(capsys.readouterr().out.split())
+    for replays, some in ((1, 1), (None, 3)):
+        enter.main(settings(entry, entered, table=str(entered / "mine" / "episodes.parquet"), replays=replays))
+        shown = " ".join(capsys.readouterr().out.split())
+        assert f"is accepted: 3 rows, of which {some} replay to the last bit." in shown
 
 
 def sent(entered, folder, change, sign=True):
@@ -127,6 +129,14 @@ def test_an_edited_number_is_refused(entry, entered, tmp_path, capsys):
     with pytest.raises(SystemExit, match="1"):  # Signed anew, a replay finds it.
         enter.main(settings(entry, tmp_path, table=sent(entered, tmp_path, edited)))
     assert re.search("Refused: .*episode 100001, replayed: success_at_end is False, not True", capsys.readouterr().out)
+
+
+def test_an_edited_row_is_not_gone_on_with(entry, entered, tmp_path):
+    file = sent(entered, tmp_path, edit(1, success_at_end=False), sign=False)
+    (tmp_path / "mine").mkdir()
+    Path(file).rename(tmp_path / "mine" / "episodes.parquet")
+    with pytest.raises(SettingError, match=r"row 1 \(.*episode 100001\) is not as it was stored"):
+        enter.main(settings(entry, tmp_path))
 
 
 def test_a_changed_entry_is_run_again_and_nothing_else(entry, entered, tmp_path, monkeypatch, capsys):

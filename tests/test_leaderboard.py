@@ -1,9 +1,7 @@
 """What the leaderboard shows is what plain counting of the stored rows gives."""
 
 import dataclasses
-import json
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -16,13 +14,11 @@ from benchmark.config import FIRST_TEST_SEED, RunConfig
 from benchmark.lambda_curves import curves
 from benchmark.leaderboard import LeaderboardConfig, main
 from benchmark.leaderboard_text import beside_the_paper, markdown
-from benchmark.oracle import summary
 from benchmark.oracle_scores import with_oracles
 from benchmark.ranking import PROTOCOLS, counted, leaderboard
 from benchmark.results import read_episodes
 from benchmark.run import shipped
 from benchmark.statistics import holm, paired_p_value
-from envs.arms import arm_setting
 
 PAPER, STRICT = PROTOCOLS
 OURS = {f"hash of seed{seed}" for seed in ("42-1", "42-2", "43-1", "44-1")}
@@ -115,25 +111,23 @@ def test_the_paper_stands_beside_us(boards):
     assert "at λ 1" in table["guided: ours"]["ur3"]
 
 
-def test_an_oracle_belongs_to_an_arm_only_if_it_stood_alike(transfer_episodes, boards, tmp_path):
-    oracle = transfer_episodes.query("robot == 'ur3' and setting == 'embodied' and method == 'projection'")
-    (tmp_path / "arms").mkdir()
-    oracle.assign(oracle="aware").to_parquet(tmp_path / "arms" / "oracle_episodes.parquet")
-    table = with_oracles(boards[STRICT], tmp_path).set_index("robot")
+def test_an_oracle_belongs_to_an_arm_only_if_it_stood_alike(transfer_episodes, boards):
+    policy = transfer_episodes.query("robot == 'ur3' and setting == 'embodied' and method == 'projection'")
+    ceiling = policy.assign(method="aware_oracle", checkpoint_hash="", checkpoint="")
+    table = with_oracles(boards[STRICT], pd.concat([transfer_episodes, ceiling])).set_index("robot")
     assert table.reference.isna().all() and table.ceiling["ur5"].isna().all()
-    assert {x["p2"] for x in table.ceiling["ur3"]} == {oracle.p2.mean()}
-    moved = oracle.assign(oracle="aware", base="0.1 0 0")
-    moved.to_parquet(tmp_path / "arms" / "oracle_episodes.parquet")
-    assert with_oracles(boards[STRICT], tmp_path).ceiling.isna().all()
-    played = pd.DataFrame({"p1": [True] * 10, "p2": [True] * 9 + [False], "score": 0.95, "success_at_end": True})
-    played = played.assign(length=99, tracking_error_mean=0.0, tracking_error_max=0.0, failure_cause=None)
-    for x in (0.0, 0.1):
-        arm = replace(arm_setting("ur5", "embodied"), base=(x, 0.0, 0.0), wrist="out")
-        file = tmp_path / "oracle" / f"{x}" / "oracle.json"
-        file.parent.mkdir(parents=True)
-        file.write_text(json.dumps({"oracle": "plain", **summary(arm, 50_000, played.head(10 if x == 0 else 5))}))
-    table = with_oracles(boards[STRICT], tmp_path).set_index("robot")
-    assert {x["p2"] for x in table.reference["ur5"]} == {0.9} and table.reference["ur3"].isna().all()
+    assert {x["p2"] for x in table.ceiling["ur3"]} == {policy.p2.mean()}
+    assert {x["n"] for x in table.ceiling["ur3"]} == {len(policy)}
+    for otherwise in ({"base": "0.1 0 0"}, {"orientation_weight": 0.01}, {"code_version": "older"}):
+        assert with_oracles(boards[STRICT], ceiling.assign(**otherwise)).ceiling.isna().all(), otherwise
+
+
+def test_an_oracle_is_no_method_that_is_ranked(transfer_episodes):
+    played = transfer_episodes.query("setting == 'embodied' and entry_hash == ''").assign(
+        method="plain_oracle", checkpoint_hash="", checkpoint=""
+    )
+    every = pd.concat([transfer_episodes, played])
+    pd.testing.assert_frame_equal(counted(every, STRICT, OURS), counted(transfer_episodes, STRICT, OURS))
 
 
 def test_other_batches_and_other_peoples_policies_do_not_count(transfer_episodes):
@@ -268,5 +262,5 @@ def test_an_arm_that_stands_or_holds_its_tool_otherwise_is_held_against_the_usua
     kept = counted(rows, STRICT, OURS)
     assert moved.p2_arm_difference == pytest.approx(1 - kept.p2.mean())
     assert 0 < moved.p2_arm_p < 1 and table.p2_arm_p.notna().sum() == 1
-    text = markdown({STRICT: with_oracles(table, Path("nowhere"))})
+    text = markdown({STRICT: with_oracles(table, pd.DataFrame())})
     assert shown in text

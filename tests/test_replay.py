@@ -7,13 +7,15 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from benchmark import replay
+from benchmark import oracle, replay
 from benchmark.command import SettingError
-from benchmark.config import RobotConfig, RunConfig
+from benchmark.config import EnergyConfig, MapConfig, OracleConfig, RobotConfig, RunConfig
+from benchmark.field_settings import note_settings
 from benchmark.replay import ReplayConfig
 from benchmark.results import COLUMNS, read_episodes, row_hash, store_episodes
 from benchmark.rollout import play
 from benchmark.run import checkpoint_folder, make_rollout
+from benchmark.trusted_rows import read_trusted
 
 CONFIG = RunConfig(robot=RobotConfig("xarm6"), slots=2, device="cpu", method="towards", guidance_scale=0.01)
 
@@ -97,6 +99,49 @@ def test_a_row_is_picked_by_hash_or_number_and_has_to_be_there(stored):
         replay.chosen_rows(ReplayConfig(table=str(stored), random=2, number=1))
     with pytest.raises(SettingError, match="has no episodes whose rows have a row_hash"):
         replay.chosen_rows(ReplayConfig(table=str(stored / "nowhere"), number=1))
+
+
+def test_an_oracles_row_replays_too(tmp_path, capsys):
+    config = OracleConfig(RobotConfig("ur3"), oracle="aware", episodes=2, output_dir=str(tmp_path), workers=1)
+    oracle.main(config)
+    file = tmp_path / "ur3-embodied" / "episodes.parquet"
+    assert len(read_trusted(file)) == 2
+    replay.main(ReplayConfig(table=str(file), number=1))
+    shown = capsys.readouterr().out
+    assert "ur3, embodied, aware_oracle" in shown and "bit-equal: " in shown and "differs" not in shown
+
+
+def test_what_the_oracle_played_is_not_played_again(tmp_path, monkeypatch):
+    config = OracleConfig(RobotConfig("ur5"), episodes=2, output_dir=str(tmp_path), workers=1)
+    oracle.main(config)
+    before = read_episodes(tmp_path / "ur5-embodied")
+    monkeypatch.setattr(oracle, "play_chunk", None)  # Nothing that it could play with.
+    oracle.main(config)
+    pd.testing.assert_frame_equal(read_episodes(tmp_path / "ur5-embodied"), before)
+
+
+def test_the_settings_of_a_field_are_found_beside_the_rows(tmp_path):
+    """Whoever replays a row need not know them."""
+    config = dataclasses.replace(
+        CONFIG,
+        robot=RobotConfig("ur3"),
+        method="paper",
+        map=MapConfig(cell_size=0.2, theta=0.3, draw=200, turns=16, stop_rate=0.2),
+        energy=EnergyConfig(step=0.3),
+        output_dir=str(tmp_path / "guided"),
+    )
+    rollout = make_rollout(config, 0.5, checkpoint_folder(42), Console(quiet=True))
+    note_settings(tmp_path / "guided", [rollout], config)
+    row = rollout.condition.row() | {"episode_seed": 1}
+    for table in (tmp_path, tmp_path / "guided", tmp_path / "guided" / "episodes.parquet"):
+        assert replay.row_rollout(row, ReplayConfig(table=str(table)), Console(quiet=True)).field == rollout.field
+    (noted,) = tmp_path.glob("guided/fields/*.json")
+    noted.write_text(noted.read_text().replace('"step": 0.3', '"step": 0.4'))  # Gives another field.
+    with pytest.raises(SettingError, match="was guided by the field"):
+        replay.row_rollout(row, ReplayConfig(table=str(tmp_path)), Console(quiet=True))
+    noted.write_text(noted.read_text()[:100])
+    with pytest.raises(SettingError, match="is damaged"):
+        replay.row_rollout(row, ReplayConfig(table=str(tmp_path)), Console(quiet=True))
 
 
 def test_the_settings_of_a_row_are_those_that_made_it():

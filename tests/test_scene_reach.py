@@ -83,21 +83,15 @@ def test_an_arm_whose_tool_may_lean_is_a_method_of_its_own():
     assert with_leaning_tools(episodes, ARM).method.tolist() == ["direct", "direct, orientation weight 0.01"]
 
 
-def test_oracles_count_only_on_an_arm_that_stood_alike(tmp_path):
-    from benchmark.arms import OracleCondition
-
-    assert oracle_rows(ARM, tmp_path).empty
-    (tmp_path / "arms").mkdir()
-    elsewhere = arm_setting("ur3", "best")
+def test_oracles_count_only_on_an_arm_that_stood_alike():
     played = pd.DataFrame({"episode_seed": [1, 2], "p2": [True, False]})
     tables = [
-        played.assign(**OracleCondition("", arm, oracle).columns)
-        for arm in (ARM, elsewhere)
-        for oracle in ("plain", "aware")
+        played.assign(**arm_columns(arm), method=method)
+        for arm in (ARM, arm_setting("ur3", "best"))
+        for method in ("plain_oracle", "aware_oracle", "direct")
     ]
-    pd.concat(tables).to_parquet(tmp_path / "arms" / "oracle_episodes.parquet")
-    found = oracle_rows(ARM, tmp_path)
-    assert found.method.tolist() == ["plain oracle"] * 2 + ["aware oracle"] * 2 and set(found.base) == {"0 0 0"}
+    found = oracle_rows(pd.concat(tables), ARM)
+    assert found.method.tolist() == ["plain_oracle"] * 2 + ["aware_oracle"] * 2 and set(found.base) == {"0 0 0"}
 
 
 def test_each_scale_of_a_method_counts_for_itself():
