@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache
 from hashlib import sha256
+from itertools import batched
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -112,7 +113,7 @@ def run_sweep(composed: list[tuple[list[str], DictConfig]], launcher: Launcher, 
     if missing:
         for job in missing:
             log_field(job.config, job.rollout, folder.name)
-        with progress(missing, folder, console):
+        with progress(jobs.values(), folder, console):
             launch(missing, launcher, console)
     log_curves(next(iter(configs.values())).wandb, rows_of(jobs.values()), folder.name)
     ended = {job.name: failure_file(folder, job.name) for job in missing}
@@ -152,19 +153,22 @@ def launch(missing: dict[Job, int], launcher: Launcher, console: Console) -> Non
 
     Args:
         missing: Jobs, and how many of their episodes are not stored.
-        launcher: What runs them.
+        launcher: What runs them. Submitit's local one, which starts all that it is given at once, is given as many as
+            there are workers.
         console: Where to print.
     """
-    idle = 0
+    idle, local = 0, type(launcher).__name__ == "LocalLauncher"  # Hydra loads its plugins as modules of its own.
     while True:
+        at_once = next(iter(missing)).config.workers if local else len(missing)
         try:
-            launcher.launch([job.overrides for job in missing], initial_job_idx=0)
+            for number, jobs in enumerate(batched(missing, at_once)):
+                launcher.launch([job.overrides for job in jobs], initial_job_idx=number * at_once)
             return
         except Exception as error:
             console.print(f"The launcher ended early. {reason(error)}", soft_wrap=True, markup=False)
             before, missing = missing, unfinished(missing)
             idle = idle + 1 if sum(missing.values()) == sum(before.values()) else 0
-            if not isinstance(error, BrokenProcessPool) or idle > RELAUNCHES:
+            if not missing or not (local or isinstance(error, BrokenProcessPool)) or idle > RELAUNCHES:
                 return  # A cluster's other jobs go on.
             first, *others = missing.items()
             missing = dict([*others, first])
@@ -265,9 +269,10 @@ def reason(error: Exception) -> str:
 
 
 @contextmanager
-def progress(jobs: dict[Job, int], folder: Path, console: Console) -> Iterator[None]:
+def progress(jobs: Iterable[Job], folder: Path, console: Console) -> Iterator[None]:
     """Show how many episodes of these jobs are stored, wherever they run, and how long the rest will take."""
-    total, over = sum(len(job.seeds) for job in jobs), threading.Event()
+    jobs, over = list(jobs), threading.Event()
+    total = sum(len(job.seeds) for job in jobs)
 
     def count() -> int:
         return total - sum(unfinished(jobs).values())

@@ -9,6 +9,7 @@ import sys
 import time
 from collections import namedtuple
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.plugins import Plugins
 from hydra.types import HydraContext, RunMode
+from hydra_plugins.hydra_submitit_launcher.submitit_launcher import SlurmLauncher
 from omegaconf import OmegaConf
 from rich.console import Console
 
@@ -34,15 +36,23 @@ from richmap.robots import load_robot
 
 ROOT = Path(__file__).parents[1]
 SEEDS = (42, 43, 44)
+OneJob = namedtuple("OneJob", "overrides config", defaults=[None])
+TwoWorkers = namedtuple("TwoWorkers", "workers", defaults=[2])
 COARSE = {"cell_size": 0.2, "theta": 0.3, "draw": 200, "turns": 16, "stop_rate": 0.2}
+
+
+@contextmanager
+def composing(*arguments):
+    """Hydra, and what it makes of a command line."""
+    ConfigStore.instance().store("run_schema", command.named_as_typed(OmegaConf.structured(RunConfig)))
+    with initialize_config_dir(str(command.CONF), version_base="1.3"):
+        hydra = GlobalHydra.instance().hydra
+        yield hydra, hydra.compose_config("run", [*arguments], run_mode=RunMode.MULTIRUN)
 
 
 def compositions(*arguments):
     """Overrides and settings of the jobs that a command line makes."""
-    ConfigStore.instance().store("run_schema", command.named_as_typed(OmegaConf.structured(RunConfig)))
-    with initialize_config_dir(str(command.CONF), version_base="1.3"):
-        hydra = GlobalHydra.instance().hydra
-        config = hydra.compose_config("run", [*arguments], run_mode=RunMode.MULTIRUN)
+    with composing(*arguments) as (hydra, config):
         context = HydraContext(hydra.config_loader, None)
         sweeper = Plugins.instance().instantiate_sweeper(hydra_context=context, task_function=None, config=config)
         composed = list(sweeper.jobs(OmegaConf.to_container(config.hydra.overrides.task)))
@@ -103,7 +113,6 @@ def test_a_combination_that_cannot_be_stops_no_other():
 
 
 def test_a_job_that_kills_its_worker_is_not_always_the_first(monkeypatch):
-    OneJob = namedtuple("OneJob", "overrides")
     launched, left = [], {"a", "b", "c"}
 
     class Launcher:
@@ -116,6 +125,28 @@ def test_a_job_that_kills_its_worker_is_not_always_the_first(monkeypatch):
     monkeypatch.setattr("benchmark.sweep.unfinished", lambda jobs: {job: 1 for job in jobs if job.overrides in left})
     launch({OneJob(name): 1 for name in "abc"}, Launcher(), Console(quiet=True))
     assert launched[:4] == ["abc", "bca", "cab", "ac"] and len(launched) == 3 + RELAUNCHES + 1
+
+
+def test_submitit_on_this_machine_starts_no_more_jobs_than_there_are_workers():
+    launched = []
+
+    class LocalLauncher:
+        def launch(self, overrides, initial_job_idx):
+            launched.append((initial_job_idx, "".join(overrides)))
+
+    launch({OneJob(name, TwoWorkers()): 1 for name in "abcde"}, LocalLauncher(), Console(quiet=True))
+    assert launched == [(0, "ab"), (2, "cd"), (4, "e")]
+
+
+def test_on_slurm_all_jobs_are_handed_over_at_once():
+    with composing("hydra/launcher=submitit_slurm", "hydra.launcher.partition=short") as (hydra, config):
+        context = HydraContext(hydra.config_loader, None)
+        launcher = Plugins.instance().instantiate_launcher(hydra_context=context, task_function=None, config=config)
+    assert type(launcher).__name__ == SlurmLauncher.__name__ and launcher.params["partition"] == "short"
+    launched = []
+    launcher.launch = lambda overrides, initial_job_idx: launched.append("".join(overrides))
+    launch({OneJob(name, TwoWorkers()): 1 for name in "abcde"}, launcher, Console(quiet=True))
+    assert launched == ["abcde"]
 
 
 def scales(folder, condition):
