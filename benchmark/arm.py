@@ -1,6 +1,6 @@
 """The arm that settings describe, checked before anything is rolled out on it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -83,6 +83,26 @@ def of_arm(episodes: "pd.DataFrame", arm: "ArmSetting") -> "pd.DataFrame":
         return episodes
     columns = pd.Series(arm_columns(arm))
     return episodes[(episodes[columns.index] == columns).all(axis=1)]
+
+
+def stored_arms(episodes: "pd.DataFrame", robots: Sequence[str], settings: Sequence[str]) -> "list[ArmSetting]":
+    """The arms of these robots and settings with episodes of direct transfer and an upright tool, as they stood.
+
+    Robot by robot, setting by setting, and in each the setting's own arm before those with another base or wrist.
+    """
+    from benchmark.ranking import ARM
+    from envs.arms import arm_setting
+
+    if episodes.empty:
+        return []
+    rows = episodes[(episodes.method == "direct") & episodes.robot.isin(robots) & episodes.setting.isin(settings)]
+    arms = [arm_of(row) for row in rows[ARM].drop_duplicates().to_dict("records")]
+    usual = {arm: arm_setting(arm.robot, arm.name) for arm in arms}
+    upright = [arm for arm in arms if arm.orientation_weight == usual[arm].orientation_weight]
+    return sorted(
+        upright,
+        key=lambda arm: (robots.index(arm.robot), settings.index(arm.name), arm != usual[arm], arm_name(arm)),
+    )
 
 
 @cache

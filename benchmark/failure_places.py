@@ -62,7 +62,7 @@ def main(config: FailurePlacesConfig) -> None:
     import pandas as pd
     from rich.console import Console
 
-    from benchmark.arm import arm_columns, of_arm, setting_text
+    from benchmark.arm import arm_columns, of_arm, setting_text, stored_arms
     from benchmark.build_maps import energy_field
     from benchmark.config import FIRST_TEST_SEED
     from benchmark.feasibility_field import feasibility_field
@@ -76,7 +76,7 @@ def main(config: FailurePlacesConfig) -> None:
     episodes, tables, curves, drawn = read_all_episodes(Path(config.episodes), FIRST_TEST_SEED), [], [], []
     if len(episodes):
         episodes = episodes[episodes.checkpoint_hash.isin(shipped())]
-    for arm in stored_arms(episodes, config):
+    for arm in stored_arms(episodes, config.robots, config.settings):
         rows = of_arm(episodes, arm)
         about = {"robot": arm.robot, "setting": setting_text(arm_columns(arm))}
         energy, _ = energy_field(load_robot(arm.robot), arm.base, config.map, config.energy, config.workers, console)
@@ -99,29 +99,6 @@ def main(config: FailurePlacesConfig) -> None:
     with replacing(output_dir / "failure_places.md") as path:
         path.write_text(markdown(pd.concat(tables, ignore_index=True), curves))
     console.print(f"Table: {output_dir / 'failure_places.md'}", soft_wrap=True)
-
-
-def stored_arms(episodes: "pd.DataFrame", config: FailurePlacesConfig) -> "list[ArmSetting]":
-    """The arms of these robots and settings with episodes of direct transfer and an upright tool, as they stood: each
-    setting's own first."""
-    from benchmark.arm import arm_of
-    from benchmark.ranking import ARM
-    from envs.arms import arm_setting
-
-    if episodes.empty:
-        return []
-    order = [(setting, robot) for robot in config.robots for setting in config.settings]
-    rows = episodes[(episodes.method == "direct") & episodes.robot.isin(config.robots)]
-    arms = [arm_of(row) for row in rows[ARM].drop_duplicates().to_dict("records")]
-    usual = {(arm.name, arm.robot): arm_setting(arm.robot, arm.name) for arm in arms}
-    arms = [
-        arm
-        for arm in arms
-        if (arm.name, arm.robot) in order and arm.orientation_weight == usual[arm.name, arm.robot].orientation_weight
-    ]
-    return sorted(
-        arms, key=lambda arm: (order.index((arm.name, arm.robot)), arm != usual[arm.name, arm.robot], arm.base)
-    )
 
 
 def ends_of(

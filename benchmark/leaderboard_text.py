@@ -30,14 +30,15 @@ pictures: [`leaderboard.html`](leaderboard.html).
 - **Difference** is that to direct transfer, same policies, same episodes, in points. Its interval is for other
   trainings as well. Its p is for these trainings alone: of flips of the sign of whole episodes, which for one training
   and a rate is the exact McNemar test; *Holm* is adjusted for all arms, methods and scales of the protocol's setting.
-- **Reference** and **ceiling** are the scripted oracle that knows nothing of the arm and the one that does, on the
-  seeds that are given, which need not be those of the policies. A policy may beat either.
+- **Reference** and **ceiling** are the scripted oracle that knows nothing of the arm and the one that does, on test
+  seeds, by the same code. A policy may beat either.
 - **Failed by cause**: an episode failed if it never had p2. What rolled out of a target later has no cause.
 - **n** counts episodes, of all policies; * marks a row that lacks policies or episodes of the protocol, and so comes
   last. *(entry)* came from outside. A dash: not measured.
 - **What counts**: rows of a protocol's settings, episodes and batches, by policies that ship with the project and
   learned so, or by entries, which stand beside the usual policies. Other code versions have sections, and Holm
-  families, of their own.
+  families, of their own; those that were shown to give the same episodes go by one name (`ALIKE` in
+  `benchmark/code_version.py`, which says how it was shown).
 """
 
 PROTOCOL_TEXTS = {

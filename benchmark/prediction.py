@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import Console
 
+    from envs.arms import ArmSetting
+
 CELL = 0.05
 """Edge of the cells of the table that success is counted in, in [m]."""
 LEAST_SCENES = 20
@@ -47,7 +49,7 @@ class PredictionConfig:
     robots: list[str] = field(default_factory=lambda: list(TASK_ARMS[1:]))
     """Target arms, as in robots=[ur3,ur5]."""
     settings: list[str] = field(default_factory=lambda: list(SETTINGS))
-    """Settings of the arms; those without stored episodes are left out."""
+    """Settings of the arms, also with another wrist or base; those without stored episodes are left out."""
     episodes: str = "results"
     """Folder under which episodes.parquet are read, of test seeds (100000 on) and lambda = 0."""
     output_dir: str = "results"
@@ -73,31 +75,33 @@ def main(config: PredictionConfig) -> None:
     import pandas as pd
     from rich.console import Console
 
+    from benchmark.arm import arm_columns, setting_text, stored_arms
+
     console, output_dir = Console(), Path(config.output_dir)
     direct = direct_episodes(Path(config.episodes))
-    rows, drawn = [], {}
-    for robot in config.robots:
-        for setting in config.settings:
-            pairs = with_source(direct, robot, setting)
-            if pairs.empty:
-                continue
-            fields = transfer_fields(robot, setting, config, console)
-            scenes, visits = by_scene(pairs, fields)
-            about = {"robot": robot, "setting": setting, "scenes": len(scenes), "models": pairs.checkpoint.nunique()}
-            about |= {"p2": scenes.p2.mean()}
-            rows += [about | row for row in correlations(scenes, visits, fields, config.seed)]
-            drawn[robot, setting] = scenes
+    rows, drawn, means = [], {}, []
+    for arm in stored_arms(direct, config.robots, config.settings):
+        pairs = with_source(direct, arm)
+        if pairs.empty:
+            continue
+        fields = transfer_fields(arm, config, console)
+        scenes, visits = by_scene(pairs, fields)
+        about = {"robot": arm.robot, "setting": setting_text(arm_columns(arm)), "scenes": len(scenes)}
+        about |= {"models": pairs.checkpoint.nunique(), "p2": scenes.p2.mean()}
+        rows += [about | row for row in correlations(scenes, visits, fields, config.seed)]
+        drawn[about["robot"], about["setting"]] = scenes
+        means.append(about | scenes[[f"{name}_{SOURCE}" for name in PREDICTORS]].mean().to_dict())
     if not rows:
         raise SettingError(
             f"{config.episodes} holds no episodes of direct transfer on test seeds of {SOURCE} and of "
             f"{', '.join(config.robots)} with the same policies. "
             "Make them: python -m benchmark.run -m experiment=transfer"
         )
-    table = pd.DataFrame(rows)
+    table, of_arms = pd.DataFrame(rows), pd.DataFrame(means)
     with replacing(output_dir / "prediction.parquet") as path:
         table.to_parquet(path, index=False)
     with replacing(output_dir / "prediction.md") as path:
-        path.write_text(markdown(table, config.seed))
+        path.write_text(markdown(table, of_arms, config.seed))
     for ending in ("svg", "png"):
         with replacing(output_dir / "figures" / f"prediction.{ending}") as path:
             prediction_figure(drawn).savefig(path, dpi=120)
@@ -105,35 +109,24 @@ def main(config: PredictionConfig) -> None:
 
 
 def direct_episodes(folder: Path) -> "pd.DataFrame":
-    """Stored episodes of direct transfer on test seeds, with their paths, of the usual policies that ship, on arms as
-    their setting has them."""
-    import pandas as pd
-
-    from benchmark.arm import of_arm
+    """Stored episodes of direct transfer on test seeds, with their paths, of the usual policies that ship."""
     from benchmark.config import FIRST_TEST_SEED
     from benchmark.run import shipped
     from benchmark.trusted_rows import read_all_episodes
-    from envs.arms import arm_setting
 
     table = read_all_episodes(folder, FIRST_TEST_SEED)
-    if table.empty:
-        return table
-    direct = table[(table.method == "direct") & table.checkpoint_hash.isin(shipped())]
-    return pd.concat([of_arm(direct, arm_setting(robot, setting)) for robot in TASK_ARMS for setting in SETTINGS])
+    return table if table.empty else table[(table.method == "direct") & table.checkpoint_hash.isin(shipped())]
 
 
-def with_source(direct: "pd.DataFrame", robot: str, setting: str) -> "pd.DataFrame":
+def with_source(direct: "pd.DataFrame", arm: "ArmSetting") -> "pd.DataFrame":
     """Episodes of an arm beside those of the source with the same policy, sampler and scene (suffix `_source`)."""
-    import pandas as pd
+    from benchmark.arm import of_arm
 
-    if direct.empty:
-        return pd.DataFrame()
     same = ["checkpoint_hash", "episode_seed", "sampler", "sampling_steps", "batch_shape", "code_version"]
-    arm = direct[(direct.robot == robot) & (direct.setting == setting)]
     source = direct[direct.robot == SOURCE]
-    nearest = source.assign(other=source.setting != setting).sort_values("other", kind="stable")
+    nearest = source.assign(other=source.setting != arm.name).sort_values("other", kind="stable")
     source = nearest.drop_duplicates(same)  # It has one base and wrist in all settings; `best` has no rows of its own.
-    return arm.merge(source[[*same, "path_x", "path_y"]], on=same, suffixes=("", "_source"))
+    return of_arm(direct, arm).merge(source[[*same, "path_x", "path_y"]], on=same, suffixes=("", "_source"))
 
 
 @dataclass(frozen=True)
@@ -146,15 +139,15 @@ class TransferFields:
     infeasible: "Callable[[np.ndarray], np.ndarray]"
 
 
-def transfer_fields(robot: str, setting: str, config: PredictionConfig, console: "Console") -> TransferFields:
+def transfer_fields(arm: "ArmSetting", config: PredictionConfig, console: "Console") -> TransferFields:
     """Energy, MMD and infeasibility of an arm where it stands."""
     from benchmark.build_maps import energy_field, robot_map
     from benchmark.feasibility_field import feasibility_field
-    from envs.arms import COMMON_BASE, HEIGHT, arm_setting
+    from envs.arms import COMMON_BASE, HEIGHT
     from richmap.robots import load_robot
     from richmap.similarity import similarity
 
-    arm, description = arm_setting(robot, setting), load_robot(robot)
+    description = load_robot(arm.robot)
     energy, _ = energy_field(description, arm.base, config.map, config.energy, config.workers, console)
     source = robot_map(load_robot(SOURCE), COMMON_BASE, config.map, config.workers, console)
     target = robot_map(description, arm.base, config.map, config.workers, console)
@@ -250,6 +243,20 @@ def correlations(
     return rows
 
 
+def over_arms(means: "pd.DataFrame") -> list[dict[str, object]]:
+    """Spearman's correlation of each predictor's mean on the source's path with p2, arm by arm, and Fisher's interval;
+    arms are too few to resample. NaN where all are alike."""
+    from scipy.stats import pearsonr, rankdata
+
+    p2, rows = means.p2.to_numpy(), []
+    for name in PREDICTORS:
+        x = means[f"{name}_{SOURCE}"].to_numpy()
+        known = not np.isnan(r := _spearman(x, p2))
+        low, high = pearsonr(rankdata(x), rankdata(p2)).confidence_interval() if known else (np.nan, np.nan)
+        rows.append({"predictor": name, "r": r, "low": low, "high": high})
+    return rows
+
+
 def _spearman(x: np.ndarray, y: np.ndarray) -> float:
     """NaN if either says nothing."""
     from scipy.stats import rankdata
@@ -296,7 +303,7 @@ Direct transfer (λ = 0) on test seeds: Spearman's correlation of what a path me
 passes a cell, for cells that {least} scenes pass, against the value at its centre). Brackets: 95 % intervals for other
 scenes and the same policies (bootstrap on Fisher's scale, seed {seed}). If similarity predicts transfer, energy and MMD
 go with failure: r is well below 0. A dash: all scenes are alike. Made by `python -m benchmark.prediction` from the
-stored episodes.
+stored episodes. Arms stand as in their setting, or with what is named changed; tools are upright.
 
 Predictors: {predictors}. `infeasible minus energy` is the difference of their r: below 0, the arm alone predicts
 better.
@@ -305,18 +312,46 @@ Paths: {paths}.
 """
 
 
-def markdown(table: "pd.DataFrame", seed: int) -> str:
-    """The document: a table per arm and setting."""
+OVER_ARMS = """## Over arms and settings
+
+Means over the scenes of the predictors on the xArm6's path, beside p2. Spearman's correlation with p2 over these {n}
+arms, with Fisher's interval, as if they were drawn at random: {correlations}.
+
+{table}
+"""
+
+
+def markdown(table: "pd.DataFrame", means: "pd.DataFrame", seed: int) -> str:
+    """The document: a table over arms, and one per arm.
+
+    Args:
+        table: Correlations of each arm.
+        means: Scenes, p2 and means of the predictors on the source's path of each arm.
+        seed: Of the resampling.
+    """
     import pandas as pd
+
+    def text(row: "pd.Series | dict") -> str:
+        return "–" if np.isnan(row["r"]) else f"{row['r']:+.2f} [{row['low']:+.2f}, {row['high']:+.2f}]"
+
+    by_arm = {"arm": means.robot, "setting": means.setting, "scenes": means.scenes, "p2 [%]": 100 * means.p2}
+    by_arm |= {name: means[f"{name}_{SOURCE}"] for name in PREDICTORS}
 
     parts = [
         TEXT.format(
             cell=CELL,
             least=LEAST_SCENES,
             seed=seed,
-            predictors="; ".join(f"`{name}`, {text}" for name, text in PREDICTORS.items()),
-            paths="; ".join(f"`{name}`, {text}" for name, text in PATHS.items()),
-        )
+            predictors="; ".join(f"`{name}`, {said}" for name, said in PREDICTORS.items()),
+            paths="; ".join(f"`{name}`, {said}" for name, said in PATHS.items()),
+        ),
+        OVER_ARMS.format(
+            n=len(means),
+            correlations=", ".join(f"`{row['predictor']}` {text(row)}" for row in over_arms(means)),
+            table=pd.DataFrame(by_arm)
+            .sort_values("p2 [%]")
+            .to_markdown(index=False, floatfmt=("", "", "", ".1f", ".4f", ".4f", ".3f")),
+        ),
     ]
     for (robot, setting), group in table.groupby(["robot", "setting"], sort=False):
         shown = pd.DataFrame(
@@ -324,10 +359,7 @@ def markdown(table: "pd.DataFrame", seed: int) -> str:
                 "over": group.over + " (" + group.n.astype(str) + ")",
                 "path": group.path,
                 "predictor": group.predictor,
-                "r": [
-                    "–" if np.isnan(row.r) else f"{row.r:+.2f} [{row.low:+.2f}, {row.high:+.2f}]"
-                    for row in group.itertuples()
-                ],
+                "r": [text(row) for _, row in group.iterrows()],
             }
         )
         first = group.iloc[0]

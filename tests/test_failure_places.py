@@ -1,21 +1,16 @@
 """Where episodes end is compared with what guidance would do there."""
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
 
-from benchmark.arm import arm_columns
 from benchmark.failure_places import (
     PLACED,
-    FailurePlacesConfig,
     by_cause,
     by_scale,
     ends_of,
     markdown,
     places_figure,
-    stored_arms,
 )
 from envs.arms import arm_setting
 from richmap.energy import EnergyField
@@ -78,16 +73,6 @@ def test_scale_by_scale_failures_are_told_apart_by_whether_they_end_at_the_borde
     assert table.scale.tolist() == [0, 1] and table.failed.tolist() == [4, 4] and table.border.tolist() == [3, 3]
     text = markdown(by_cause(ends).assign(robot="ur3", setting="best"), [table.assign(robot="ur3", setting="best")])
     assert "outer_reach 3 (3), dithering 1 (0)" in text and "dithering 4 (3)" in text
-
-
-def test_arms_that_stand_otherwise_come_after_the_settings_own_and_leaning_ones_not_at_all():
-    usual = arm_setting("ur10")
-    wrist_out = replace(usual, wrist="out")
-    arms = [replace(usual, orientation_weight=0.01), wrist_out, usual, arm_setting("ur5"), arm_setting("ur10", "best")]
-    rows = pd.DataFrame([arm_columns(arm) | {"method": "direct"} for arm in arms])
-    config = FailurePlacesConfig(robots=["ur3", "ur10"], settings=["embodied"])
-    assert stored_arms(rows, config) == [usual, wrist_out]
-    assert stored_arms(rows.assign(method="paper"), config) == stored_arms(pd.DataFrame(), config) == []
 
 
 def test_where_nothing_failed_there_are_successes_alone(episodes):

@@ -1,6 +1,7 @@
 """What the leaderboard shows is what plain counting of the stored rows gives."""
 
 import dataclasses
+import re
 import shutil
 from pathlib import Path
 
@@ -9,13 +10,15 @@ import pytest
 from omegaconf import OmegaConf
 
 from benchmark import run
+from benchmark.arm import setting_text
 from benchmark.command import CONF, SettingError
-from benchmark.config import FIRST_TEST_SEED, RunConfig
+from benchmark.config import FIRST_TEST_SEED, TASK_ARMS, RunConfig
 from benchmark.lambda_curves import curves
 from benchmark.leaderboard import LeaderboardConfig, main
 from benchmark.leaderboard_text import beside_the_paper, markdown
 from benchmark.oracle_scores import with_oracles
-from benchmark.ranking import PROTOCOLS, counted, leaderboard
+from benchmark.ranking import ARM, PROTOCOLS, counted, leaderboard
+from benchmark.recipe import SHIPPED, recipe_folder
 from benchmark.results import read_episodes
 from benchmark.run import shipped
 from benchmark.statistics import holm, paired_p_value
@@ -264,3 +267,25 @@ def test_an_arm_that_stands_or_holds_its_tool_otherwise_is_held_against_the_usua
     assert 0 < moved.p2_arm_p < 1 and table.p2_arm_p.notna().sum() == 1
     text = markdown({STRICT: with_oracles(table, pd.DataFrame())})
     assert shown in text
+
+
+@pytest.mark.parametrize("recipe", SHIPPED)
+def test_what_is_published_is_what_the_published_rows_say(recipe):
+    """Counted once more, without the code of the leaderboard but for which rows count."""
+    root = Path(__file__).parents[1] / "results"
+    about = [*ARM, "method", "lambda", "field_fingerprint"]
+    columns = [*about, "sampler", "sampling_steps", "entry_hash", "code_version"]
+    needed = [*columns, "episode_seed", "batch_shape", "checkpoint", "checkpoint_hash", "p2"]
+    rows = pd.concat([pd.read_parquet(file, columns=needed) for file in sorted(root.rglob("episodes.parquet"))])
+    board = recipe_folder(root, recipe) / "LEADERBOARD.md"
+    sections = board.read_text().split("## Protocol `strict`")[1].split("\n### ")
+    checked = 0
+    for _, group in counted(rows, STRICT, shipped(recipe)).groupby(columns):
+        row = group.iloc[0]
+        (section,) = [part for part in sections if part.startswith(f"{row.robot}, {setting_text(row)}\n")]
+        star = "" if len(group) == 1500 else r"\*"
+        line = rf"\| {row.method},.*\| {row['lambda']:g} +\| {len(group)}{star} +\| {100 * group.p2.mean():.1f} \["
+        assert re.search(line, section), (row.robot, row.setting, row.method, line)
+        checked += 1
+    arms = [part for part in sections if part.split(",")[0] in TASK_ARMS]
+    assert checked == sum(part.count("batches of") for part in arms) > 0

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from benchmark import prediction
+from benchmark.arm import arm_columns
 from benchmark.config import SOURCE
 from benchmark.prediction import (
     TransferFields,
@@ -15,11 +16,13 @@ from benchmark.prediction import (
     correlations,
     direct_episodes,
     markdown,
+    over_arms,
     visited,
     with_source,
 )
 from benchmark.results import read_episodes
 from benchmark.run import shipped
+from envs.arms import arm_setting
 
 FIELDS = TransferFields(
     energy=lambda xy: np.hypot(*xy.T),
@@ -27,6 +30,8 @@ FIELDS = TransferFields(
     infeasible=lambda xy: (np.hypot(*xy.T) > 0.55).astype(float),
 )
 """Energy grows with the distance from the base."""
+
+ARM = arm_setting("ur3")
 
 
 @pytest.fixture(autouse=True)
@@ -44,14 +49,14 @@ def episodes(succeeds):
             for policy in ("a", "b"):
                 p2 = robot == SOURCE or succeeds(x, rng)
                 path = {"path_x": [round(1000 * x)] * 40, "path_y": list(range(-390, 10, 10))}
-                row = {"robot": robot, "setting": "embodied", "checkpoint": policy, "checkpoint_hash": policy}
+                row = arm_columns(arm_setting(robot)) | {"checkpoint": policy, "checkpoint_hash": policy}
                 same = {"sampler": "DDIM", "sampling_steps": 10, "batch_shape": 10, "code_version": "v"}
                 rows.append(row | path | same | {"episode_seed": seed, "p2": p2})
     return pd.DataFrame(rows)
 
 
 def rows_of(succeeds):
-    pairs = with_source(episodes(succeeds), "ur3", "embodied")
+    pairs = with_source(episodes(succeeds), ARM)
     assert len(pairs) == 240
     scenes, visits = by_scene(pairs, FIELDS)
     assert visits.shape == (120, len(cells()))
@@ -70,9 +75,9 @@ def test_the_source_s_path_is_that_of_the_same_setting_and_batch_where_there_is_
     table = episodes(lambda x, rng: True)
     other = table[table.robot == SOURCE].assign(path_x=[[0] * 40] * 240)
     both = pd.concat([other.assign(setting="original"), other.assign(batch_shape=50), table])
-    pairs = with_source(both, "ur3", "embodied")
+    pairs = with_source(both, ARM)
     assert len(pairs) == 240 and all(path[0] > 0 for path in pairs.path_x_source)
-    assert len(with_source(both.query("robot != @SOURCE or setting == 'original'"), "ur3", "embodied")) == 240
+    assert len(with_source(both.query("robot != @SOURCE or setting == 'original'"), ARM)) == 240
 
 
 @pytest.mark.parametrize("chance", [0.0, 0.05, 0.5])
@@ -93,9 +98,19 @@ def test_success_by_chance_says_nothing():
 def test_where_all_succeed_there_is_nothing_to_predict():
     table, scenes = rows_of(lambda x, rng: True)
     assert table.r.isna().all()
-    text = markdown(table.assign(robot="ur3", setting="embodied", scenes=120, models=2, p2=1.0), 0)
+    about = {"robot": "ur3", "setting": "embodied", "scenes": 120, "p2": 1.0}
+    means = pd.DataFrame([about | {f"{name}_{SOURCE}": 0.0 for name in prediction.PREDICTORS}])
+    text = markdown(table.assign(**about, models=2), means, 0)
     assert "| scenes (120)" in text and "–" in text
     assert prediction.prediction_figure({("ur3", "embodied"): scenes}).axes
+
+
+def test_over_arms_what_goes_with_failure_is_below_0():
+    rng = np.random.default_rng(1)
+    p2 = rng.uniform(size=30)
+    means = {f"energy_{SOURCE}": -p2, f"mmd_{SOURCE}": rng.uniform(size=30), f"infeasible_{SOURCE}": p2**3}
+    energy, mmd, infeasible = over_arms(pd.DataFrame(means | {"p2": p2}))
+    assert (energy["r"], infeasible["r"]) == pytest.approx((-1, 1)) and mmd["low"] < 0 < mmd["high"]
 
 
 def test_cells_without_a_discrepancy_do_not_count():
