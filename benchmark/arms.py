@@ -14,7 +14,7 @@ import numpy as np
 from benchmark.arm import arm_columns, of_arm
 from benchmark.command import check_setting, run_command
 from benchmark.config import FIRST_TEST_SEED, ORACLES, SETTINGS, check_folder, check_seeds, check_targets
-from benchmark.oracle import CHUNK, ArmOracle, play_chunk
+from benchmark.oracle import CHUNK, ArmOracle, play_all
 from benchmark.outputs import replacing
 
 if TYPE_CHECKING:
@@ -158,15 +158,11 @@ def arm_conditions(robot: str, changed: list[str]) -> list[OracleCondition]:
 
 def play_missing(conditions: list[OracleCondition], config: ArmsConfig, console: "Console") -> "pd.DataFrame":
     """All episodes of the conditions by this version of the code: the stored ones and the rest, stored as they come."""
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
     import pandas as pd
 
     from benchmark.code_version import code_version
     from benchmark.progress import progress_bar
     from benchmark.results import OPTIONAL
-    from richmap.worker import start_worker
 
     file = Path(config.output_dir) / "arms" / "oracle_episodes.parquet"
     stored = pd.read_parquet(file) if file.exists() else pd.DataFrame()
@@ -176,12 +172,9 @@ def play_missing(conditions: list[OracleCondition], config: ArmsConfig, console:
     seeds = range(config.seed_start, config.seed_start + config.episodes)
     chunks = list(missing_chunks(conditions, stored, seeds))
     total = len(conditions) * len(seeds)
-    with (
-        ProcessPoolExecutor(config.workers, get_context("spawn"), initializer=start_worker) as pool,
-        progress_bar(console) as progress,
-    ):
+    with progress_bar(console) as progress:
         task = progress.add_task("Oracles", total=total, completed=total - sum(len(seeds) for _, seeds in chunks))
-        played = pool.map(play_chunk, [(condition.player, part) for condition, part in chunks])
+        played = play_all([(condition.player, part) for condition, part in chunks], config.workers)
         for (condition, part), outcomes in zip(chunks, played, strict=True):
             progress.update(
                 task, description=f"{condition.oracle} oracle on {condition.arm.robot}, {condition.arm.name}"

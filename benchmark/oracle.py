@@ -3,6 +3,7 @@
 python -m benchmark.oracle robot=ur3 setting=embodied episodes=300 oracle=aware
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import batched
@@ -86,12 +87,8 @@ def main(config: OracleConfig) -> None:
 
 def play_missing(player: ArmOracle, config: OracleConfig, output_dir: Path, console: "Console") -> "pd.DataFrame":
     """Rows of all episodes: the stored ones, and the rest played and stored a few at a time."""
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
     from benchmark.progress import progress_bar
     from benchmark.results import Episode, episodes_of, read_episodes, store_episodes
-    from richmap.worker import start_worker
 
     seeds = range(config.seed_start, config.seed_start + config.episodes)
 
@@ -103,14 +100,24 @@ def play_missing(player: ArmOracle, config: OracleConfig, output_dir: Path, cons
     chunks = [(player, part) for part in batched((seed for seed in seeds if seed not in done), CHUNK)]
     condition = player.condition
     name = f"{player.oracle.capitalize()} oracle on {player.arm.robot}, {player.arm.name}"
-    executor = ProcessPoolExecutor(config.workers, get_context("spawn"), initializer=start_worker)
-    with executor as pool, progress_bar(console) as progress:
+    with progress_bar(console) as progress:
         task = progress.add_task(name, total=len(seeds), completed=len(done))
-        for (_, part), outcomes in zip(chunks, pool.map(play_chunk, chunks), strict=True):
+        for (_, part), outcomes in zip(chunks, play_all(chunks, config.workers), strict=True):
             pairs = zip(part, outcomes, strict=True)
             store_episodes(output_dir, [Episode(condition, seed, 0, outcome) for seed, outcome in pairs])
             progress.advance(task, len(part))
     return stored()
+
+
+def play_all(chunks: "list[tuple[ArmOracle, tuple[int, ...]]]", workers: int) -> "Iterator[list[EpisodeOutcome]]":
+    """Outcomes of each chunk, in their order, from worker processes."""
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    from richmap.worker import start_worker
+
+    with ProcessPoolExecutor(workers, get_context("spawn"), initializer=start_worker) as pool:
+        yield from pool.map(play_chunk, chunks)
 
 
 def play_chunk(chunk: tuple[ArmOracle, tuple[int, ...]]) -> "list[EpisodeOutcome]":
