@@ -17,6 +17,7 @@ from benchmark.command import SettingError, check_setting, run_command
 from benchmark.config import FIRST_TEST_SEED, TASK_ARMS, EnergyConfig, MapConfig, RobotConfig, RunConfig
 from benchmark.entry import Entry
 from benchmark.outputs import replacing
+from benchmark.ranking import PROTOCOLS, Protocol
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -46,17 +47,19 @@ class EnterConfig:
     robots: list[str] = field(default_factory=lambda: list(TASK_ARMS))
     """Arms, as in robots=[ur3,ur5]; the protocol has all four."""
     settings: list[str] = field(default_factory=lambda: ["embodied"])
-    """What the arms may do, embodied, best or both, as in settings=[embodied,best] (see benchmark.run)."""
-    episodes: int = 500
-    """Number of test episodes per arm, setting and policy, from seed 100000 on; the protocol has 500."""
+    """What the arms may do (see benchmark.run): embodied, best or both, as in settings=[embodied,best], by the strict
+    protocol (500 episodes of the best policy of each seed), or original by the paper's (50 of three of each)."""
+    episodes: int | None = None
+    """Number of test episodes per arm, setting and policy, from seed 100000 on; null for the protocol's."""
     seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
-    """Training seeds of the policies, the best of each, that an entry without a policy of its own guides."""
+    """Training seeds of the policies that an entry without a policy of its own guides."""
     output_dir: str = "results/entries"
     """Folder in which a folder of the entry's name gets episodes.parquet and entry.yaml."""
     device: str = "auto"
     """Where the policy runs: cpu, cuda, or auto (cuda if there is one)."""
-    slots: int = 50
-    """Rows of the batch in which the policy is evaluated (see benchmark.run); those it is compared with have 50."""
+    slots: int | None = None
+    """Rows of the batch in which the policy is evaluated (see benchmark.run); null for the protocol's, as those have
+    that it is compared with."""
     workers: int = 2
     """Processes that roll out or sample; results do not depend on it. A whole number >= 1."""
     map: MapConfig = field(default_factory=MapConfig)
@@ -66,14 +69,22 @@ class EnterConfig:
         some = self.replays is None or self.replays >= 1
         check_setting(some, "replays", self.replays, "a whole number >= 1, or null for all rows")
         check_setting(bool(self.robots), "robots", self.robots, f"some of {', '.join(TASK_ARMS)}")
-        for name in self.settings or [None]:
-            check_setting(name in ("embodied", "best"), "settings", name, "embodied, best")
+        allowed = " or ".join(", ".join(protocol.settings) for protocol in PROTOCOLS)
+        fits = any({*self.settings} <= {*protocol.settings} for protocol in PROTOCOLS)
+        check_setting(bool(self.settings) and fits, "settings", self.settings, allowed)
+        self.episodes = self.episodes or self.protocol.episodes
+        self.slots = self.slots or self.protocol.slots
         check_setting(bool(self.seeds), "seeds", self.seeds, "one or more whole numbers")
         for name in ("robots", "settings", "seeds"):
             given = getattr(self, name)
             check_setting(len({*given}) == len(given), name, given, "each of them once")
         for robot in self.robots:
-            self.run(robot, "embodied")
+            self.run(robot, self.settings[0])
+
+    @property
+    def protocol(self) -> Protocol:
+        """The one that counts episodes of these settings."""
+        return next(protocol for protocol in PROTOCOLS if self.settings[0] in protocol.settings)
 
     def run(self, robot: str, setting: str) -> RunConfig:
         """Settings of an arm's rollouts."""
@@ -88,7 +99,8 @@ def main(config: EnterConfig) -> None:
     out again. The exit status is 1 if it is refused."""
     check_setting(bool(config.entry), "entry", config.entry, "the folder of an entry, as in entry=my_entry")
     entry = Entry.load(Path(config.entry))
-    checkpoints = entry.checkpoints(config.seeds)
+    ranks = (1,) if config.protocol.best_only else (1, 2, 3)
+    checkpoints = entry.checkpoints(config.seeds, ranks)
     if config.table and not Path(config.table).is_file():
         raise SettingError(f"table={config.table} is not there. Give a Parquet file of episodes.")
     from rich.console import Console

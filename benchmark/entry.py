@@ -1,6 +1,7 @@
 """Somebody else's entry: a folder with a policy, a guidance class or both, and what has to be known of them."""
 
 import hashlib
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -75,14 +76,14 @@ class Entry:
                 digest.update(f"{name.as_posix()}\0{len(content)}\0".encode() + content)
         return digest.hexdigest()
 
-    def checkpoints(self, seeds: list[int]) -> list[Path]:
-        """Folders of its policies: its own, or ours of these training seeds, the best of each.
+    def checkpoints(self, seeds: list[int], ranks: Iterable[int] = (1,)) -> list[Path]:
+        """Folders of its policies: its own, or ours of these training seeds, of each those of these ranks.
 
         Raises:
             SettingError: If one is not there, or is to be guided and cannot be.
         """
         if not self.about.policy:
-            return [checkpoint_folder(seed) for seed in seeds]
+            return [checkpoint_folder(seed, rank) for seed in seeds for rank in ranks]
         checkpoint = Checkpoint.from_path(str(self._inside(self.about.policy)))
         if self.about.guidance and checkpoint.type != GUIDED:
             raise SettingError(

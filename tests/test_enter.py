@@ -14,6 +14,7 @@ from benchmark.command import SettingError
 from benchmark.enter import EnterConfig
 from benchmark.entry import Entry
 from benchmark.guidance_class import GuidanceClass
+from benchmark.ranking import PROTOCOLS, counted
 from benchmark.results import Episode, read_episodes, row_hash
 from benchmark.run import checkpoint_folder
 from benchmark.trusted_rows import read_trusted
@@ -80,6 +81,17 @@ def test_an_entry_with_a_guidance_class_is_evaluated_and_its_rows_are_accepted(e
         enter.main(settings(entry, entered, table=str(entered / "mine" / "episodes.parquet"), replays=replays))
         shown = " ".join(capsys.readouterr().out.split())
         assert f"is accepted: 3 rows, of which {some} replay to the last bit." in shown
+
+
+def test_the_papers_protocol_is_setting_original_with_three_policies_of_a_seed(entry, tmp_path):
+    config = settings(entry, tmp_path, settings=["original"], episodes=1, slots=None)
+    enter.main(config)
+    rows = read_trusted(tmp_path / "mine" / "episodes.parquet")
+    assert {*rows.checkpoint} == {"seed42-1", "seed42-2", "seed42-3"} and {*rows.setting} == {"original"}
+    paper, strict = PROTOCOLS
+    assert len(counted(rows, paper, set())) == 3 and counted(rows, strict, set()).empty
+    with pytest.raises(SettingError, match="Allowed: original or embodied, best"):
+        settings(entry, tmp_path, settings=["original", "best"])  # Of two protocols.
 
 
 def sent(entered, folder, change, sign=True):
