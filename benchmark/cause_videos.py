@@ -53,7 +53,7 @@ def main(config: CauseVideosConfig) -> None:
         raise SettingError(f"{config.episodes} holds no failed episodes. Make some: python -m benchmark.run robot=ur3")
     chosen = examples(failed, code_version(), set().union(*map(shipped, SHIPPED)))
     for row in chosen.to_dict("records"):
-        rollout = row_rollout(row, ReplayConfig(workers=config.workers), console)
+        rollout = row_rollout(row, ReplayConfig(table=config.episodes, workers=config.workers), console)
         file = output_dir / "figures" / "causes" / f"{row['failure_cause']}.webp"
         with replacing(file) as path:
             outcome = record(rollout, row["episode_seed"], path).outcome

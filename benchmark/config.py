@@ -367,8 +367,9 @@ class EntryConfig:
     """Scale that the class is made with, in its own unit."""
 
     def __post_init__(self) -> None:
-        named = re.fullmatch(r"[a-z0-9][a-z0-9_-]{0,39}", self.name) and self.name not in METHODS
-        check_setting(bool(named), "name", self.name, f"a-z, 0-9, - and _, up to 40, and none of {', '.join(METHODS)}")
+        taken = [*METHODS, *ORACLE_METHODS.values()]
+        named = re.fullmatch(r"[a-z0-9][a-z0-9_-]{0,39}", self.name) and self.name not in taken
+        check_setting(bool(named), "name", self.name, f"a-z, 0-9, - and _, up to 40, and none of {', '.join(taken)}")
         for name in ("author", "description"):
             value = getattr(self, name)
             check_setting(value.strip() and value.isprintable(), name, value, "one line of text")

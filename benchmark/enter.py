@@ -72,8 +72,8 @@ class EnterConfig:
         allowed = " or ".join(", ".join(protocol.settings) for protocol in PROTOCOLS)
         fits = any({*self.settings} <= {*protocol.settings} for protocol in PROTOCOLS)
         check_setting(bool(self.settings) and fits, "settings", self.settings, allowed)
-        self.episodes = self.episodes or self.protocol.episodes
-        self.slots = self.slots or self.protocol.slots
+        self.episodes = self.protocol.episodes if self.episodes is None else self.episodes
+        self.slots = self.protocol.slots if self.slots is None else self.slots
         check_setting(bool(self.seeds), "seeds", self.seeds, "one or more whole numbers")
         for name in ("robots", "settings", "seeds"):
             given = getattr(self, name)
@@ -172,7 +172,7 @@ def check(config: EnterConfig, rollouts: "Sequence[Rollout]", console: "Console"
     table = read_trusted(Path(config.table))
     refused = list(refusals(table, rollouts, range(FIRST_TEST_SEED, FIRST_TEST_SEED + config.episodes)))
     if not refused:
-        sample = table.sample(min(config.replays or len(table), len(table)))
+        sample = table if config.replays is None else table.sample(min(config.replays, len(table)))
         seeds: dict[Rollout, list[int]] = {}
         for row in sample.to_dict("records"):
             seeds.setdefault(rollouts[nearest(row, rollouts)[0]], []).append(row["episode_seed"])

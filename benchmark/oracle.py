@@ -78,7 +78,7 @@ def main(config: OracleConfig) -> None:
         low, high = rate_interval(values)
         console.print(f"{name}: {100 * values.mean():.1f} % [{100 * low:.1f}, {100 * high:.1f}]")
     solved = table[table.p2]
-    console.print(f"Mean length {table.length.mean():.1f} steps, of solved episodes {solved.length.mean():.1f}")
+    console.print(f"Mean length {table.length.mean():.1f} steps")
     if len(solved):
         console.print(f"Tracking error of solved episodes at most {1000 * solved.tracking_error_max.max():.1f} mm")
     console.print(f"Failed episodes by cause: {causes_text(table.failure_cause.dropna().value_counts().to_dict())}")

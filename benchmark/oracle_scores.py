@@ -9,6 +9,9 @@ from benchmark.statistics import rate_interval
 
 ROLES = {"reference": "plain", "ceiling": "aware"}
 
+KEY = [*ARM, "code_version"]
+"""Columns in which an oracle's episodes agree with the policies' that they stand beside."""
+
 
 def with_oracles(table: pd.DataFrame, episodes: pd.DataFrame) -> pd.DataFrame:
     """A leaderboard with the columns `reference` and `ceiling`: n, first seed and scores, or None if not played.
@@ -18,22 +21,19 @@ def with_oracles(table: pd.DataFrame, episodes: pd.DataFrame) -> pd.DataFrame:
         episodes: Rows of all methods. An oracle's arm must be the policy's in all columns that describe it, and the
             version of the code must be the same.
     """
-    key = [*ARM, "code_version"]
-    if "method" not in episodes:
+    if episodes.empty:
         return table.assign(**dict.fromkeys(ROLES))
-    return table.assign(
-        **{
-            role: [played.get(tuple(row)) for row in table[key].itertuples(index=False)]
-            for role, oracle in ROLES.items()
-            for played in [_scores(episodes[episodes.method == ORACLE_METHODS[oracle]].groupby(key))]
-        }
-    )
+    arms = [tuple(arm) for arm in table[KEY].itertuples(index=False)]
+    for role, oracle in ROLES.items():
+        played = _by_arm(episodes[episodes.method == ORACLE_METHODS[oracle]])
+        table = table.assign(**{role: [played.get(arm) for arm in arms]})
+    return table
 
 
-def _scores(groups) -> dict[tuple, dict[str, float]]:
-    """n, first seed and scores with Wilson intervals of each group."""
+def _by_arm(played: pd.DataFrame) -> dict[tuple, dict[str, float]]:
+    """n, first seed and scores with Wilson intervals of an oracle on each arm."""
     scores = {}
-    for key, rows in groups:
+    for key, rows in played.groupby(KEY):
         scores[key] = {"n": len(rows), "first": int(rows.episode_seed.min())}
         for name in SCORES:
             values = rows[name].to_numpy(dtype=float)

@@ -92,10 +92,12 @@ def contradictions(table: pd.DataFrame) -> dict[str, pd.Series]:
     """What no rollout stores, whatever its hash, and which rows have it."""
     score = np.where(table.p2, 1.0, np.where(table.p1, 0.49, 0.0))
     shares = table[[name for name in table if name.startswith("share_") or name == "self_contact_share"]]
-    methods = [*METHODS, *ORACLE_METHODS.values()]
+    methods, oracle = [*METHODS, *ORACLE_METHODS.values()], table.method.isin(ORACLE_METHODS.values())
     known = {"robot": TASK_ARMS, "setting": SETTINGS, "device": ("cpu", "cuda"), "failure_cause": CAUSES}
     return {f"its {name} is none of {', '.join(of)}": ~table[name].isin([*of, None]) for name, of in known.items()} | {
         "its method is none of ours, and it has no entry_hash": ~table.method.isin(methods) & (table.entry_hash == ""),
+        "it is a scripted oracle's, and has a policy or an entry_hash": oracle
+        & (table.checkpoint_hash + table.entry_hash != ""),
         f"it is longer than {MAX_EPISODE_STEPS} steps": table.length > MAX_EPISODE_STEPS,
         "its lambda is no number": ~np.isfinite(table["lambda"]),
         "its slot is not its seed modulo batch_shape": table.slot != table.episode_seed % table.batch_shape.clip(1),

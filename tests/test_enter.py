@@ -92,6 +92,9 @@ def test_the_papers_protocol_is_setting_original_with_three_policies_of_a_seed(e
     assert len(counted(rows, paper, set())) == 3 and counted(rows, strict, set()).empty
     with pytest.raises(SettingError, match="Allowed: original or embodied, best"):
         settings(entry, tmp_path, settings=["original", "best"])  # Of two protocols.
+    for name in ("episodes", "slots", "replays"):
+        with pytest.raises(SettingError, match=f"{name}=0 is not allowed"):
+            settings(entry, tmp_path, **{name: 0})  # Not what null is.
 
 
 def sent(entered, folder, change, sign=True):
@@ -246,6 +249,7 @@ def test_a_policy_of_our_type_is_an_entry_and_is_left_as_it_is(entry, entered, t
             {"name": "paper"},
             "entry.yaml: name=paper is not allowed. Allowed: a-z, 0-9, - and _, up to 40, and none of dir",
         ),
+        ({"name": "aware_oracle"}, "entry.yaml: name=aware_oracle is not allowed"),
         ({"name": "Ümläut"}, "entry.yaml: name=Ümläut is not allowed"),
         ({"author": '""'}, "author= is not allowed. Allowed: one line of text"),
         ({"guidance": ""}, "policy= is not allowed. Allowed: a folder, unless there is guidance"),

@@ -68,6 +68,8 @@ def signed(folder, **values):
         ({"score": 0.49, "p2": False, "failure_cause": "dithering"}, "success_at_end without p2"),
         ({"failure_cause": "banana"}, "failure_cause is none of"),
         ({"method": "magic"}, "method is none of ours, and it has no entry_hash"),
+        ({"method": "aware_oracle"}, "scripted oracle's, and has a policy"),
+        ({"method": "aware_oracle", "checkpoint_hash": "", "entry_hash": "beef"}, "scripted oracle's, and has"),
         ({"length": 351, "path_x": (1,) * 351, "path_y": (1,) * 351}, "longer than 350 steps"),
         ({"failure_cause": "dithering"}, "p2 and a failure_cause"),
         ({"first_block": None}, "first_block"),
