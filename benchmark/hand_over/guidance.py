@@ -103,7 +103,7 @@ def demand(
     """
     straight = overreach(field, blocks[..., :2], targets, margin, FLANGE_HEIGHT)
     way = targets[:, None] - blocks[:, :, None, :2]  # (b, block, target, 2)
-    turned = np.abs(quarter_turn_error(np.arctan2(way[..., 1], way[..., 0]) - blocks[:, :, None, 2]))
+    turned = np.abs(np.vectorize(quarter_turn_error)(np.arctan2(way[..., 1], way[..., 0]) - blocks[:, :, None, 2]))
     angle = np.linspace(0, 2 * np.pi, 16, endpoint=False)
     places = blocks[:, :, None, :2] + ORIENT_RADIUS * np.column_stack([np.cos(angle), np.sin(angle)])
     points = np.concatenate([places, np.full_like(places[..., :1], FLANGE_HEIGHT)], -1)
