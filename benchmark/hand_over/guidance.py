@@ -11,10 +11,9 @@ from envs.arms import arm_setting
 from envs.aware_oracle import LOST_COMMAND
 from envs.aware_pusher import AwarePusher
 from envs.block_ways import BlockWays
-from envs.feasibility import Feasibility, TableFeasibility
+from envs.feasibility import TableFeasibility, table_feasibility
 from envs.oracle import ORIENT_ABOVE, ORIENT_RADIUS, quarter_turn_error
 from envs.success import inside
-from envs.workspace import WORKSPACE
 from policies.guidance import FLANGE_HEIGHT, Guidance
 from policies.push_reach import overreach
 from richmap.energy import EnergyField
@@ -34,12 +33,12 @@ class HandOver(Guidance):
     Args:
         field: Signed distance to the border of what the arm can hold, in [m].
         scale: How far inside of the border a straight push must keep the tool, in [m], to be the policy's.
-        base: Of the arm, x and y in [m]; not looked at.
-        seed: Likewise.
+        base: Of the arm, x and y in [m], as in the settings `embodied` or `best`.
+        seed: Not looked at.
     """
 
     def __init__(self, field: EnergyField, scale: float, base: tuple[float, float], seed: int) -> None:
-        self._field, self._margin, self._table = field, scale, table_of(field)
+        self._field, self._margin, self._table = field, scale, table_of(field.about["target"], base)
         self._ways = lru_cache(maxsize=128)(lambda x, y: BlockWays(self._table, np.array([x, y])))
         self._planners: dict[int, tuple[AwarePusher, np.ndarray]] = {}  # With the scene that it saw last.
         self._steps: dict[int, np.ndarray] = {}
@@ -124,10 +123,13 @@ def by_ease(cost: Float[np.ndarray, "2 2"], far: Float[np.ndarray, "2"]) -> tupl
     return first, last
 
 
-def table_of(field: EnergyField) -> TableFeasibility:
-    """Where the arm can hold its tool, as the planner asks for it. Its arm stands for no setting and is not asked."""
-    x, y = (np.arange(low, high + SPACING / 2, SPACING) for low, high in np.transpose(WORKSPACE))
-    points = np.stack([*np.meshgrid(x, y, indexing="ij"), np.full((len(x), len(y)), FLANGE_HEIGHT)], -1)
-    beyond, _ = field.value_and_gradient(points.reshape(-1, 3))
-    cause = np.where(beyond < 0, Feasibility.FEASIBLE, Feasibility.OUT_OF_REACH).reshape(len(x), len(y))
-    return TableFeasibility(arm_setting(field.about["target"], "embodied"), x, y, cause)
+def table_of(robot: str, base: tuple[float, float]) -> TableFeasibility:
+    """Where the arm can hold its tool, finer than the field says it.
+
+    Raises:
+        ValueError: If the arm stands so in none of the settings in which its limits bind.
+    """
+    for arm in (arm_setting(robot, setting) for setting in ("embodied", "best")):
+        if arm.base[:2] == base:
+            return table_feasibility(arm, SPACING)
+    raise ValueError(f"No {robot} of the settings embodied and best stands at {base} m.")
