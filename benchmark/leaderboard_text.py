@@ -34,7 +34,7 @@ pictures: [`leaderboard.html`](leaderboard.html).
   seeds, by the same code. A policy may beat either.
 - **Failed by cause**: an episode failed if it never had p2. What rolled out of a target later has no cause.
 - **n** counts episodes, of all policies; * marks a row that lacks policies or episodes of the protocol, and so comes
-  last. *(entry)* came from outside. A dash: not measured.
+  last. *(entry)*: evaluated by `benchmark.enter`. A dash: not measured.
 - **What counts**: rows of a protocol's settings, episodes and batches, by policies that ship with the project and
   learned so, or by entries, which stand beside the usual policies. Other code versions have sections, and Holm
   families, of their own; those that were shown to give the same episodes go by one name (`ALIKE` in

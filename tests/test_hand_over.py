@@ -32,7 +32,7 @@ def field(tmp_path_factory):
     return path
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def guidance(field):
     return GuidanceClass(FOLDER / "guidance.py", "HandOver").make(0.0025, field, (0.0, 0.0), 0)
 
@@ -80,7 +80,7 @@ def test_the_planner_brings_a_block_to_where_the_policy_can_push_it(guidance):
         assert (chunk[0, 1:] == 0).all() and np.linalg.norm(step) < 0.031
         for _ in range(10):
             pusher, block, _ = (x[0] for x in push(pusher[None], block[None], step[None] / 10))
-        assert np.hypot(*pusher) < OUTER + 0.01  # Half a cell of the field.
+        assert np.hypot(*pusher) < OUTER + 0.01  # Where a UR3 can hold its tool, to half a cell.
         before = now
     assert (chunk == 0.01).all() and np.hypot(*block[:2]) < np.hypot(*FAR[:2])
 
