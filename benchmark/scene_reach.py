@@ -66,7 +66,9 @@ def main(config: SceneReachConfig) -> None:
     for arm in [replace(arm, wrist=wrist) for arm in usual for robot, wrist in POSTURES if robot == arm.robot]:
         rows = with_leaning_tools(episodes, arm)
         if len(rows):
-            tables[arm] = by_demand(rows, oracle_rows(every, arm), demands(arm, rows.episode_seed.unique(), console))
+            oracles = oracle_rows(every, arm)
+            table = by_demand(rows, oracles, demands(arm, rows.episode_seed.unique(), console))
+            tables[arm] = table.merge(to_ceiling(rows, oracles), on="method", how="left")
     if not tables:
         raise SettingError(
             f"{config.episodes} holds no episodes of the strict protocol of {', '.join(config.robots)}. "
@@ -162,6 +164,34 @@ def by_demand(episodes: "pd.DataFrame", oracles: "pd.DataFrame", asked: "pd.Seri
     return pd.DataFrame(rows)
 
 
+def to_ceiling(episodes: "pd.DataFrame", oracles: "pd.DataFrame") -> "pd.DataFrame":
+    """p2 of each method minus that of the oracle that knows the arm, over all scenes that both have.
+
+    Args:
+        episodes: Rows of all methods.
+        oracles: Rows of the oracles, or none.
+
+    Returns:
+        A row for each method, none without that oracle: `method`, `gap`, `gap_low` and `gap_high`, for other training
+        seeds and scenes.
+    """
+    import pandas as pd
+
+    from benchmark.statistics import Crossed, clustered_difference
+
+    columns = ["method", "gap", "gap_low", "gap_high"]
+    if oracles.empty:
+        return pd.DataFrame(columns=columns)
+    ceiling = oracles[oracles.method == ORACLE_METHODS["aware"]]
+    pairs = episodes.merge(ceiling[["episode_seed", "p2"]], on="episode_seed", suffixes=("", "_ceiling"))
+    pairs = pairs.assign(value=pairs.p2.astype(float) - pairs.p2_ceiling.astype(float))
+    rows = []
+    for method, of_method in pairs.groupby("method"):
+        values = Crossed(*(of_method[name].to_numpy() for name in ("value", "training_seed", "episode_seed")))
+        rows.append((method, *clustered_difference(values)))
+    return pd.DataFrame(rows, columns=columns)
+
+
 TEXT = """# What scenes ask of an arm
 
 Made by `python -m benchmark.scene_reach` from the stored episodes of the strict protocol. Scenes are sorted by how far
@@ -169,7 +199,8 @@ beyond the border of what the arm can hold their straight pushes lead the tool, 
 block a target the less demanding one, of its two pushes the more demanding one. p2 in percent, in brackets 95 %
 intervals for other training seeds and scenes. *Orientation weight*: of the inverse kinematics, 1 m/rad where none is
 named; with less the tool leans where that brings it nearer to its command. The oracles' rows are those of
-`benchmark.oracle`; they do not lean.
+`benchmark.oracle`; they do not lean. The last column is p2 of all scenes minus that of the oracle that knows the arm,
+its ceiling, in points.
 
 {tables}
 
@@ -179,7 +210,7 @@ named; with less the tool leans where that brings it nearer to its command. The 
 
 def markdown(tables: "dict[ArmSetting, pd.DataFrame]") -> str:
     """The document: a table for each arm as it stood."""
-    from benchmark.scores import with_interval
+    from benchmark.scores import difference_text, with_interval
 
     parts = []
     for arm, table in tables.items():
@@ -190,6 +221,8 @@ def markdown(tables: "dict[ArmSetting, pd.DataFrame]") -> str:
         )
         order = [f"{GROUPS[group]} cm, {scenes[group]} scenes" for group in scenes.index]
         wide = shown.pivot(index="method", columns="title", values="text").loc[table.method.unique(), order]
+        gaps = table.drop_duplicates("method").set_index("method")
+        wide[f"minus {ORACLE_METHODS['aware']}"] = [difference_text(gaps.loc[method], "gap") for method in wide.index]
         parts.append(f"## {arm_title(arm)}\n\n{wide.to_markdown(disable_numparse=True)}")
     return TEXT.format(tables="\n\n".join(parts))
 

@@ -16,6 +16,7 @@ from benchmark.scene_reach import (
     markdown,
     oracle_rows,
     reach_figure,
+    to_ceiling,
     with_leaning_tools,
 )
 from envs.arms import arm_setting
@@ -65,10 +66,23 @@ def test_scores_are_those_of_the_scenes_that_ask_alike(asked):
     assert ((table.p2_low <= table.p2) & (table.p2 <= table.p2_high)).all()
 
 
+def test_the_gap_to_the_ceiling_is_over_the_scenes_that_both_have(asked):
+    """Eight scenes of two trainings; of the oracle, which has no training, six, and another oracle's."""
+    both = pd.concat([rows("direct", range(8), [True] * 4 + [False] * 4)] * 2).assign(training_seed=[42] * 8 + [43] * 8)
+    aware = rows("aware_oracle", range(6), [True] * 5 + [False]).assign(training_seed=0)
+    gaps = to_ceiling(both, pd.concat([aware, rows("plain_oracle", range(8), [False] * 8)]))
+    assert gaps.method.tolist() == ["direct"] and gaps.gap[0] == pytest.approx(4 / 6 - 5 / 6)
+    assert gaps.gap_low[0] < gaps.gap[0] < gaps.gap_high[0]
+    table = by_demand(both, aware, asked).merge(gaps, on="method", how="left")
+    (line,) = [line for line in markdown({ARM: table}).splitlines() if line.startswith("| direct")]
+    assert "| -16.7 [" in line
+
+
 def test_methods_come_by_their_score_and_the_document_shows_every_group(asked):
     both = pd.concat([rows("paper", range(8), [False] * 8), rows("direct", range(8), [True] * 8)])
     table = by_demand(both, pd.DataFrame(), asked)
     assert table.method.unique().tolist() == ["direct", "paper"]
+    table = table.merge(to_ceiling(both, pd.DataFrame()), on="method", how="left")
     text = markdown({ARM: table})
     assert "0 cm, 4 scenes" in text and "over 5 cm, 2 scenes" in text and text.index("direct ") < text.index("paper ")
     figure = reach_figure({ARM: table})
