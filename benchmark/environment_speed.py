@@ -42,7 +42,7 @@ class EnvironmentSpeedConfig:
     """Measures control steps of each arm beside bare physics, chunks of actions plain and guided, and rollouts."""
 
     robots: list[str] = field(default_factory=lambda: list(TASK_ARMS))
-    """Arms, as in robots=[ur3,ur5]; their rows replace older ones in the table."""
+    """Arms, as in robots=[ur3,ur5]; their rows replace older ones in the table. [] for the sampling alone."""
     episodes: int = 10
     """Episodes of the scripted oracle per arm; a whole number >= 1."""
     environments: list[int] = field(default_factory=lambda: [1, 50])
@@ -63,7 +63,7 @@ class EnvironmentSpeedConfig:
     """Folder of environment_speed.parquet and environment_speed.md."""
 
     def __post_init__(self) -> None:
-        for name in self.robots or [None]:
+        for name in self.robots:
             check_setting(name in TASK_ARMS, "robots", name, ", ".join(TASK_ARMS))
         for name in ("environments", "threads"):
             values = getattr(self, name)
