@@ -24,8 +24,8 @@ EDGES = (-np.inf, 0.0, 0.01, 0.02, 0.03, 0.05, np.inf)
 """Of the groups of scenes by what they ask, in [m]: the first asks nothing."""
 GROUPS = ["0", "up to 1", "1 to 2", "2 to 3", "3 to 5", "over 5"]
 """Their names, in [cm]."""
-DRAWN = ("direct", "paper", "chunk_feasibility", "reorder")
-"""Methods that are drawn, beside the oracles."""
+DRAWN = ("direct", "paper", "chunk_feasibility", "reorder", "hand-over", *ORACLE_METHODS.values())
+"""Methods that are drawn, each in its colour, beside direct transfer with a tool that may lean."""
 
 
 @dataclass
@@ -35,7 +35,7 @@ class SceneReachConfig:
     robots: list[str] = field(default_factory=lambda: list(TASK_ARMS[1:]))
     """Target arms, as in robots=[ur3,ur5]."""
     settings: list[str] = field(default_factory=lambda: ["embodied", "best"])
-    """Settings of the arms, with their wrist in either branch; those without stored episodes are left out."""
+    """Settings of the arms, with any base and wrist; those without stored episodes of direct transfer are left out."""
     episodes: str = "results"
     """Folder under which episodes.parquet are read, of the strict protocol and of the oracles."""
     output_dir: str = "results"
@@ -52,23 +52,20 @@ def main(config: SceneReachConfig) -> None:
     """Write the tables and the figure from the stored episodes."""
     from rich.console import Console
 
+    from benchmark.arm import stored_arms
     from benchmark.ranking import PROTOCOLS, counted
     from benchmark.run import shipped
     from benchmark.trusted_rows import read_all_episodes
-    from envs.arms import POSTURES, arm_setting
 
     console, folder = Console(), Path(config.episodes)
     (strict,) = [protocol for protocol in PROTOCOLS if protocol.name == "strict"]
     every = read_all_episodes(folder, FIRST_TEST_SEED)
     episodes = counted(every, strict, shipped())
     tables = {}
-    usual = [arm_setting(robot, setting) for robot in config.robots for setting in config.settings]
-    for arm in [replace(arm, wrist=wrist) for arm in usual for robot, wrist in POSTURES if robot == arm.robot]:
-        rows = with_leaning_tools(episodes, arm)
-        if len(rows):
-            oracles = oracle_rows(every, arm)
-            table = by_demand(rows, oracles, demands(arm, rows.episode_seed.unique(), console))
-            tables[arm] = table.merge(to_ceiling(rows, oracles), on="method", how="left")
+    for arm in stored_arms(episodes, config.robots, config.settings):
+        rows, oracles = with_leaning_tools(episodes, arm), oracle_rows(every, arm)
+        table = by_demand(rows, oracles, demands(arm, rows.episode_seed.unique(), console))
+        tables[arm] = table.merge(to_ceiling(rows, oracles), on="method", how="left")
     if not tables:
         raise SettingError(
             f"{config.episodes} holds no episodes of the strict protocol of {', '.join(config.robots)}. "
@@ -228,7 +225,7 @@ def markdown(tables: "dict[ArmSetting, pd.DataFrame]") -> str:
 
 
 def arm_title(arm: "ArmSetting") -> str:
-    """The arm and its setting, and its wrist where that is not the setting's."""
+    """The arm and its setting, and what is otherwise than on the setting's arm."""
     from benchmark.arm import arm_columns, setting_text
 
     return f"{arm.robot}, {setting_text(arm_columns(arm))}"
@@ -241,12 +238,14 @@ def reach_figure(tables: "dict[ArmSetting, pd.DataFrame]") -> "Figure":
     asked = {arm: table for arm, table in tables.items() if table.group.nunique() > 1} or tables
     figure = Figure(figsize=(5.2 * len(asked), 4.0), layout="constrained")
     for ax, (arm, table) in zip(figure.subplots(1, len(asked), squeeze=False)[0], asked.items(), strict=True):
-        drawn = [name for name in table.method.unique() if name in DRAWN or name.endswith("oracle") or "weight" in name]
+        drawn = [name for name in table.method.unique() if name in DRAWN or "weight" in name]
         for shift, method in enumerate(drawn):
             rows = table[table.method == method]
             p2, low, high = (100 * rows[name].to_numpy() for name in ("p2", "p2_low", "p2_high"))
             x = rows.group + 0.08 * (shift - (len(drawn) - 1) / 2)
-            ax.errorbar(x, p2, np.stack([p2 - low, high - p2]), fmt="o-", markersize=4, linewidth=0.8, label=method)
+            colour = f"C{DRAWN.index(method)}" if method in DRAWN else "black"
+            style = {"color": colour, "fmt": "o-", "markersize": 4, "linewidth": 0.8, "label": method}
+            ax.errorbar(x, p2, np.stack([p2 - low, high - p2]), **style)
         scenes = table.groupby("group").scenes.max()
         ax.set_xticks(scenes.index, [f"{GROUPS[group]}\nn = {scenes[group]}" for group in scenes.index])
         ax.set(title=arm_title(arm), xlabel="beyond reach [cm]; scenes", ylabel="p2 [%]", ylim=(-2, 102))
