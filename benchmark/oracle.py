@@ -39,6 +39,7 @@ class ArmOracle:
         """What its episodes are run with, in the columns of the episodes table: without a policy."""
         import math
 
+        from benchmark.arithmetic import arithmetic
         from benchmark.arm import arm_columns
         from benchmark.results import Condition
         from benchmark.run import versions
@@ -59,6 +60,7 @@ class ArmOracle:
             device="cpu",
             code_version=code_version,
             commit=commit,
+            arithmetic=arithmetic(),
         )
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from benchmark.results import Episode
     from benchmark.rollout import Rollout
 
-NOT_REPLAYED = {"commit", "row_hash"}
+NOT_REPLAYED = {"commit", "row_hash", "arithmetic"}
 """Columns that say where a row came from and that it is as it was stored, not what happened."""
 
 
@@ -86,6 +86,8 @@ def main(config: ReplayConfig) -> None:
         console.print(f"  bit-equal: {', '.join(same)}", soft_wrap=True, highlight=False)
         for name, (stored, replayed) in differing.items():
             console.print(f"  differs: {name}, stored {stored}, replayed {replayed}", soft_wrap=True, highlight=False)
+        if differing and (how := stored_otherwise(row)):
+            console.print(f"  {how}", soft_wrap=True, highlight=False)
         if code:
             console.print(
                 f"  The row is of code {code[0]} (commit {row['commit'] or 'unknown'}) and was replayed by {code[1]}: "
@@ -99,7 +101,7 @@ def main(config: ReplayConfig) -> None:
     if missing == len(rows):
         sys.exit(1)
     if not equal:
-        print("Not bit-equal. On the machine that stored it a row replays to the last bit, elsewhere it need not.")
+        print("Not bit-equal. A row replays to the last bit wherever products are rounded as where it was stored.")
         sys.exit(1)
 
 
@@ -145,6 +147,22 @@ def differences(row: Mapping[str, Any], episode: "Episode") -> dict[str, tuple[A
 
     values = {name: (plain(row.get(name)), plain(value)) for name, value in episode.row().items()}
     return {name: pair for name, pair in values.items() if name not in NOT_REPLAYED and pair[0] != pair[1]}
+
+
+def stored_otherwise(row: Mapping[str, Any]) -> str:
+    """What there is to say about how products were rounded where a row was stored; empty if as they are here."""
+    from benchmark.arithmetic import arithmetic
+    from benchmark.results import plain
+
+    how, here = plain(row.get("arithmetic")), arithmetic()
+    if how == here:
+        return ""
+    if how is None:
+        return "The row was stored before rows said how their machine rounds, which differed between machines."
+    return (
+        f"The row was stored where products are rounded otherwise: arithmetic={how}, here {here}. On x86-64 processors "
+        "with AVX2 it is the same unless MKL_CBWR or OPENBLAS_CORETYPE is set, or NumPy is loaded before benchmark."
+    )
 
 
 def again(row: Mapping[str, Any], config: ReplayConfig, console: "Console") -> "Episode":

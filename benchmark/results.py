@@ -30,7 +30,10 @@ PRODUCER = ["code_version", "entry_hash"]
 CONDITION = [name for name in IDENTITY if name not in ("slot", "episode_seed")] + PRODUCER
 """Columns that say what an episode was run with, and by what."""
 
-OPTIONAL = {"first_block": "Int64", "first_target": "string", "first_entry_s": "Float64", "failure_cause": "string"}
+OPTIONAL = {
+    "first_block": "Int64", "first_target": "string", "first_entry_s": "Float64", "failure_cause": "string",
+    "arithmetic": "string",
+}  # fmt: skip
 """Types of the columns that may hold nothing."""
 
 
@@ -76,6 +79,8 @@ class Condition:
     """Git commit of the tree, with + if files were changed; empty outside a checkout."""
     entry_hash: str = ""
     """SHA-256 of the files of an entry that is not ours (`benchmark.entry`); empty for our own methods."""
+    arithmetic: str | None = None
+    """How the machine rounded (`benchmark.arithmetic`); None in rows of before it was asked, which may lack it."""
 
     def row(self) -> dict[str, object]:
         """The condition as columns of the table."""

@@ -136,6 +136,7 @@ def make_condition(
     """What a policy on an arm is run with, with the code and the device of this machine."""
     import math
 
+    from benchmark.arithmetic import arithmetic
     from benchmark.arm import arm_columns
     from benchmark.results import Condition
 
@@ -168,6 +169,7 @@ def make_condition(
         code_version=code_version,
         commit=commit,
         entry_hash=entry_hash,
+        arithmetic=arithmetic(),
     )
 
 

@@ -43,7 +43,7 @@ def test_a_random_row_replays_alone_to_the_last_bit(stored, capsys):
     shown = capsys.readouterr().out
     assert "towards 0.01" in shown and "differs" not in shown
     same = shown.split("bit-equal: ")[1].strip().split(", ")
-    assert {*same} == COLUMNS - {"commit", "row_hash"}
+    assert {*same} == COLUMNS - {"commit", "row_hash", "arithmetic"}
 
 
 def test_of_several_rows_those_whose_pieces_are_not_here_are_named_and_the_others_replayed(stored, tmp_path, capsys):
@@ -99,6 +99,13 @@ def test_a_row_is_picked_by_hash_or_number_and_has_to_be_there(stored):
         replay.chosen_rows(ReplayConfig(table=str(stored), random=2, number=1))
     with pytest.raises(SettingError, match="has no episodes whose rows have a row_hash"):
         replay.chosen_rows(ReplayConfig(table=str(stored / "nowhere"), number=1))
+
+
+@pytest.mark.parametrize("how, said", [(None, "before rows said how"), ("0badf00d", "arithmetic=0badf00d, here ")])
+def test_of_a_row_that_was_rounded_otherwise_it_is_said(stored, tmp_path, capsys, how, said):
+    with pytest.raises(SystemExit, match="1"):
+        replay.main(changed(stored, tmp_path, number=1, tracking_error_mean=0.0, arithmetic=how))
+    assert said in " ".join(capsys.readouterr().out.split())
 
 
 def test_an_oracles_row_replays_too(tmp_path, capsys):

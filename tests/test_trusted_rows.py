@@ -118,5 +118,17 @@ def test_an_episode_in_two_files_counts_once_unless_they_contradict_each_other(t
         read_all_episodes(tmp_path)
 
 
+def test_a_row_that_says_how_its_machine_rounded_goes_before_one_that_does_not(tmp_path):
+    store_episodes(tmp_path / "a", [episode(100_001), episode(100_002)])
+    here = dataclasses.replace(CONDITION, arithmetic="c46809ec")
+    store_episodes(tmp_path / "b", [episode(100_002, p2=False, condition=here)])
+    table = read_all_episodes(tmp_path).set_index("episode_seed")
+    assert table.p2.to_dict() == {100_001: True, 100_002: False}
+    elsewhere = dataclasses.replace(CONDITION, arithmetic="0badf00d")
+    store_episodes(tmp_path / "c", [episode(100_002, condition=elsewhere)])
+    with pytest.raises(SettingError, match="say different things"):
+        read_all_episodes(tmp_path)
+
+
 def test_a_folder_without_episodes_is_an_empty_table(tmp_path):
     assert read_all_episodes(tmp_path).empty
