@@ -160,6 +160,7 @@ def play_missing(conditions: list[OracleCondition], config: ArmsConfig, console:
     """All episodes of the conditions by this version of the code: the stored ones and the rest, stored as they come."""
     import pandas as pd
 
+    from benchmark.arithmetic import arithmetic
     from benchmark.code_version import code_version
     from benchmark.progress import progress_bar
     from benchmark.results import OPTIONAL
@@ -180,7 +181,8 @@ def play_missing(conditions: list[OracleCondition], config: ArmsConfig, console:
                 task, description=f"{condition.oracle} oracle on {condition.arm.robot}, {condition.arm.name}"
             )
             rows = [{"episode_seed": seed, **asdict(x)} for seed, x in zip(part, outcomes, strict=True)]
-            table = pd.DataFrame(rows).drop(columns=["path_x", "path_y"]).assign(**condition.columns, code_version=code)
+            table = pd.DataFrame(rows).drop(columns=["path_x", "path_y"]).assign(**condition.columns)
+            table = table.assign(code_version=code, arithmetic=arithmetic())
             stored = pd.concat([stored, table.astype(OPTIONAL)], ignore_index=True)
             store(file, stored)
             progress.advance(task, len(part))

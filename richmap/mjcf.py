@@ -211,7 +211,9 @@ def _add_collision(link: ET.Element, pose: Float[np.ndarray, "4 4"], tag: str, *
 
 
 def _add_origin(element: ET.Element, pose: Float[np.ndarray, "4 4"]) -> None:
-    ET.SubElement(element, "origin", xyz=_text(pose[:3, 3]), rpy=_text(_roll_pitch_yaw(pose[:3, :3])))
+    """Rounded to 1e-12 m and rad, so that a description is the same text however a processor rounds products."""
+    xyz, rpy = (_text(np.round(part, 12) + 0.0) for part in (pose[:3, 3], _roll_pitch_yaw(pose[:3, :3])))
+    ET.SubElement(element, "origin", xyz=xyz, rpy=rpy)
 
 
 def _pose(position, quaternion) -> Float[np.ndarray, "4 4"]:

@@ -1,3 +1,8 @@
+import os
+import platform
+import subprocess
+import sys
+
 import mujoco
 import numpy as np
 import pinocchio
@@ -7,6 +12,7 @@ import trimesh
 from richmap.custom import custom_robot
 from richmap.kinematics import flange_frames
 from richmap.mjcf import urdf_from_mjcf
+from richmap.robots import ROBOTS, load_robot
 
 ARM = """
 <mujoco>
@@ -167,3 +173,14 @@ def test_bodies_that_are_only_seen_are_moved_along(file):
     zero = np.zeros((1, 4))
     file.write_text(ARM)
     assert flange_frames(robot, zero)[0] == pytest.approx(flange_frames(custom_robot(file, "base", "tip"), zero)[0])
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="The kernels named are those of x86-64.")
+@pytest.mark.parametrize("kernels", ["Sandybridge", "Haswell"])
+def test_a_description_is_the_same_text_with_the_products_of_another_processor(kernels):
+    """Maps and convex parts are made for a description: another processor must not refuse them."""
+    program = "from richmap.robots import ROBOTS, load_robot; print(*(load_robot(x).fingerprint for x in ROBOTS))"
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=os.environ | {"OPENBLAS_CORETYPE": kernels}, capture_output=True, text=True
+    )
+    assert done.stdout.split() == [load_robot(name).fingerprint for name in ROBOTS], done.stderr
