@@ -58,7 +58,8 @@ def main(config: LambdaCurvesConfig) -> None:
 
 
 def curves(table: "pd.DataFrame") -> "Figure":
-    """A column per arm; a line per method and field, from direct transfer at 0 on; the paper's figures as dashes.
+    """A column per arm; a line per method and size of cells, of one colour in all panels, from direct transfer at 0 on;
+    the paper's figures as dashes. A scale is in its method's own unit.
 
     Args:
         table: `benchmark.ranking.leaderboard` by the paper's protocol.
@@ -71,20 +72,21 @@ def curves(table: "pd.DataFrame") -> "Figure":
     from benchmark.published import TABLE_3
 
     arms = [robot for robot in TASK_ARMS if robot in set(table.robot)]
+    table = table.assign(line=[method_and_cells(row) for _, row in table.iterrows()])
+    colors = {name: f"C{number}" for number, name in enumerate(table.sort_values("method").line.unique())}
     figure = Figure(figsize=(3.2 * len(arms) + 0.6, 2.6 * len(NAMES) + 0.4), layout="constrained")
     panels = figure.subplots(len(NAMES), len(arms), squeeze=False, sharex=True, sharey="row")
     for line, (name, title) in zip(panels, NAMES.items(), strict=True):
         for ax, robot in zip(line, arms, strict=True):
             of_arm = table[table.robot == robot]
             direct, guided = of_arm[of_arm.method == "direct"], of_arm[of_arm.method != "direct"]
-            methods = [rows for _, rows in guided.groupby(["method", "field_fingerprint"])]
-            for of_method in methods or [direct]:
+            for of_method in [rows for _, rows in guided.groupby(["line", "field_fingerprint"])] or [direct]:
                 rows = of_method if of_method is direct else pd.concat([direct, of_method]).sort_values("lambda")
                 low, high = (100 * rows[f"{name}_{end}"].to_numpy(float) for end in ("low", "high"))
-                mean = 100 * rows[name].to_numpy(float)
+                mean, what = 100 * rows[name].to_numpy(float), of_method.line.iloc[0]
                 ax.errorbar(
                     rows["lambda"], mean, np.stack([mean - low, high - mean]), marker="o", markersize=3, linewidth=1,
-                    elinewidth=0.6, label=f"{method_and_cells(of_method.iloc[0])}: mean of the policies, 95 % interval",
+                    elinewidth=0.6, color=colors[what], label=f"{what}: mean of the policies, 95 % interval",
                 )  # fmt: skip
                 least, most = (100 * rows[f"{name}_{end}"].to_numpy(float) for end in ("least", "most"))
                 ax.plot(rows["lambda"], least, color="0.5", linewidth=0.6)
@@ -95,11 +97,12 @@ def curves(table: "pd.DataFrame") -> "Figure":
                     if figures is not None:
                         ax.axhline(100 * figures[0], color="k", linewidth=0.8, linestyle=dash, label=label)
             n = f"n = {direct.n.iloc[0]} each" if len(direct) else ""
-            ax.set(title=f"{robot}, {n}", xlabel="λ")
+            ax.set(title=f"{robot}, {n}", xlabel="λ, or scale of the method")
             ax.grid(alpha=0.3)
         line[0].set_ylim(top=101)  # Of the whole row, so not before all is drawn: it ends the search for the bottom.
         line[0].set_ylabel(f"{title} [%]")
-        line[-1].legend(fontsize=6, loc="lower right")
+    shown = dict(pair[::-1] for ax in panels.flat for pair in zip(*ax.get_legend_handles_labels(), strict=True))
+    figure.legend(shown.values(), shown, fontsize=6, loc="outside lower center", ncols=3)
     return figure
 
 

@@ -167,7 +167,7 @@ def mechanism(rows: pd.DataFrame) -> pd.DataFrame:
         "farther first": "far_target_first",
         "near base": "share_near_base",
         "rectangle, axes turned": "share_rectangle_a",
-        "rectangle, at the table": "share_rectangle_b",
+        "rectangle, centred on the table": "share_rectangle_b",
         "outer reach": "share_outer_reach",
     }
     shown = {"setting": [setting_text(row) for _, row in rows.iterrows()], "arm": rows.robot, **_method(rows)}

@@ -240,6 +240,18 @@ def test_the_curves_pass_through_the_table(boards):
     assert all(ax.get_ylim()[0] < lowest < ax.get_ylim()[1] for ax in figure.axes[:2])  # Nothing is cut off.
 
 
+def test_the_legend_names_every_line_of_every_panel_by_its_colour(boards):
+    ur3 = boards[PAPER].query("robot == 'ur3'")
+    on_ur3_alone = ur3.query("method == 'paper'").assign(method="towards", field_fingerprint="", cell_size=float("nan"))
+    figure = curves(pd.concat([boards[PAPER], on_ur3_alone, ur3.assign(robot="ur10")]))
+    (legend,) = figure.legends
+    colors = {line.get_label(): line.lines[0].get_color() for ax in figure.axes for line in ax.containers}
+    assert colors.keys() <= {text.get_text() for text in legend.get_texts()}
+    assert len({*colors.values()}) == len(colors) == 3  # direct on the xArm6, paper, towards
+    drawn = [line.lines[0].get_color() for ax in figure.axes for line in ax.containers]
+    assert {*drawn} == {*colors.values()}
+
+
 def test_each_field_has_a_curve_of_its_own(boards):
     other = boards[PAPER].query("method == 'paper'").assign(field_fingerprint="other", cell_size=0.02)
     ax = curves(pd.concat([boards[PAPER], other])).axes[1]
