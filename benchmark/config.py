@@ -178,7 +178,7 @@ class WandbConfig:
     """Folder that gets a folder `wandb`."""
     group: str = ""
     """What the runs belong to; empty for the sweep's folder, or else the output folder."""
-    video: bool = False
+    video: bool = True
     """Whether the first episode of an evaluation is logged as a GIF, true or false."""
 
     def __post_init__(self) -> None:

@@ -3,6 +3,7 @@
 python -m benchmark.record robot=ur3 lambda=0.5 seed_start=100000 output_dir=results/figures
 """
 
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,8 @@ from benchmark.config import RunConfig
 from benchmark.run import chosen_checkpoint, make_rollout, with_scale
 
 if TYPE_CHECKING:
+    import gymnasium
+
     from benchmark.results import Episode
     from benchmark.rollout import Rollout
 
@@ -43,9 +46,14 @@ def record(rollout: "Rollout", seed: int, file: Path) -> "Episode":
 
     from benchmark.rollout import play
 
-    frames = []
-    (episode,) = play(rollout, [seed], watch=lambda env: frames.append(env.render()[::2, ::2]))
-    imageio.imwrite(file, frames[::2], duration=2000 / FRAMES_PER_SECOND, loop=0)
+    frames, shown = [], cycle([True, False])
+
+    def watch(env: "gymnasium.Env") -> None:
+        if next(shown):
+            frames.append(env.render()[::2, ::2])
+
+    (episode,) = play(rollout, [seed], watch)
+    imageio.imwrite(file, frames, duration=2000 / FRAMES_PER_SECOND, loop=0)
     return episode
 
 
