@@ -1,7 +1,9 @@
 """The leaderboard's page in a real browser: it shows the table's figures, and everything on it can be used."""
 
+import itertools
 import re
 import shutil
+from pathlib import Path
 
 import imageio.v3 as imageio
 import numpy as np
@@ -12,6 +14,7 @@ from benchmark.oracle_scores import with_oracles
 from benchmark.ranking import PROTOCOLS, counted, leaderboard
 
 PAPER, STRICT = PROTOCOLS
+RESULTS = Path(__file__).parents[1] / "results"
 QUIET = [
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
     "--disable-background-networking", "--disable-component-update", "--window-size=1400,1000",
@@ -152,6 +155,22 @@ def test_the_keyboard_reaches_filters_titles_and_rows(opened):
     assert "Policies of projection 0.01 on ur3, embodied" in named
     reached[named.index("success at end")].send_keys(Keys.ENTER)
     assert browser.find_element("css selector", "th[aria-sort=descending]").text.startswith("success at end")
+
+
+@pytest.mark.parametrize("protocol", ["paper", "strict"])
+def test_no_name_in_a_published_panel_covers_another(browser, protocol):
+    script = (
+        "return [...arguments[0].querySelectorAll('svg text')].map(x => [x.textContent, x.getBoundingClientRect()])"
+    )
+    browser.get(f"{(RESULTS / 'leaderboard.html').as_uri()}#protocol={protocol}")
+    panels = browser.find_elements("css selector", "#curves figure")
+    assert len(panels) >= 3
+    for panel in panels:
+        boxes = browser.execute_script(script, panel)
+        assert {"reference", "ceiling"} <= {text for text, _ in boxes}
+        for (one, a), (other, b) in itertools.combinations(boxes, 2):
+            beside = a["right"] <= b["left"] or b["right"] <= a["left"]
+            assert beside or a["bottom"] <= b["top"] or b["bottom"] <= a["top"], (one, other)
 
 
 def test_curves_are_drawn_where_a_method_has_several_scales(opened):
