@@ -39,6 +39,8 @@ pictures: [`leaderboard.html`](leaderboard.html).
   learned so, or by entries, which stand beside the usual policies. Other code versions have sections, and Holm
   families, of their own; those that were shown to give the same episodes go by one name (`ALIKE` in
   `benchmark/code_version.py`, which says how it was shown).
+- **Rounding**: rows of before 23 November 2026 do not say how their processor rounded; each arm tells how many of its
+  rows do not. Paired with rows of another processor, they share policy, scene and noise, but not the last digits.
 """
 
 PROTOCOL_TEXTS = {
@@ -118,9 +120,11 @@ def arm_text(rows: pd.DataFrame) -> str:
     may_bind = {"self-collision": first.self_collision, "joint limits": first.joint_limits}
     binding = " and ".join(name for name, binds in may_bind.items() if binds) or "nothing"
     oracles = [f"{role}: {oracle_text(first[role])}" for role in ("reference", "ceiling")]
+    unpinned = f" Of {rows.n.sum():,} rows {rows.rounding_unknown.sum():,} do not say how they were rounded."
     return (
         f"Base {first.base} m, wrist {first.branch}, {binding} binding; code {first.code_version}, commit "
         f"{', '.join(sorted({*chain(*rows.commits)}))}. p2 of the {'; of the '.join(oracles)}."
+        f"{unpinned if rows.rounding_unknown.any() else ''}"
     )
 
 

@@ -2,16 +2,14 @@
 
 import pandas as pd
 
+from benchmark.results import CONDITION
 from benchmark.statistics import paired_difference, paired_p_value, rate_interval
 
 SCORES = ["score", "p1", "p2", "success_at_end"]
 """Columns that are ranked: the original's score, some block in a target, both, both still one second later."""
 
-CONDITION = [
-    "robot", "setting", "base", "branch", "orientation_weight", "method", "lambda", "sampler", "sampling_steps",
-    "checkpoint", "checkpoint_hash", "field_fingerprint", "cell_size", "batch_shape", "device", "code_version",
-]  # fmt: skip
-"""What episodes must share to be counted together."""
+TOGETHER = [*CONDITION, "checkpoint", "cell_size"]
+"""What episodes must share to be counted together; the last two follow from hashes, and are for people."""
 
 
 def by_condition(episodes: pd.DataFrame) -> pd.DataFrame:
@@ -21,9 +19,9 @@ def by_condition(episodes: pd.DataFrame) -> pd.DataFrame:
         episodes: The episodes table (`benchmark.results.Episode.row`).
     """
     rows = []
-    for condition, group in episodes.groupby(CONDITION, dropna=False, sort=True):
+    for condition, group in episodes.groupby(TOGETHER, dropna=False, sort=True):
         seeds = f"{group.episode_seed.min()}-{group.episode_seed.max()}"
-        rows.append(dict(zip(CONDITION, condition, strict=True)) | {"seeds": seeds} | figures(group))
+        rows.append(dict(zip(TOGETHER, condition, strict=True)) | {"seeds": seeds} | figures(group))
     return pd.DataFrame(rows).sort_values(["setting", "robot", "p2"], ascending=[True, True, False])
 
 
