@@ -101,6 +101,12 @@ def curves(table: "pd.DataFrame") -> "Figure":
             ax.grid(alpha=0.3)
         line[0].set_ylim(top=101)  # Of the whole row, so not before all is drawn: it ends the search for the bottom.
         line[0].set_ylabel(f"{title} [%]")
+    if (farthest := table["lambda"].max()) > 1:  # Beyond the paper's range they double.
+        ticks = [0, 0.2, 0.4, 0.6, 0.8, *2 ** np.arange(np.log2(farthest) + 0.5)]
+        for ax in panels.flat:
+            ax.set_xscale("symlog", linthresh=1, linscale=2)
+            ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+            ax.xaxis.minorticks_off()
     shown = dict(pair[::-1] for ax in panels.flat for pair in zip(*ax.get_legend_handles_labels(), strict=True))
     figure.legend(shown.values(), shown, fontsize=6, loc="outside lower center", ncols=3)
     return figure

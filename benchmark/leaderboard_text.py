@@ -49,7 +49,8 @@ PROTOCOL_TEXTS = {
 }
 
 PAPER_TEXT = """Score, mean over nine policies (* over fewer), and their least and most. Which λ the paper's guided
-column is of, it does not say; ours is the whole curve, from its lowest to its highest point."""
+column is of, it does not say; ours is the curve up to λ = 1, where the paper's ends, from its lowest to its highest
+point."""
 
 ARM_CHANGED_TEXT = """Direct transfer with the base where the arm's own map puts it (`best`), with the wrist in the
 other branch, or with another weight of orientation in the inverse kinematics, so that the tool may lean, minus direct
@@ -96,7 +97,7 @@ def beside_the_paper(table: pd.DataFrame) -> pd.DataFrame:
     for _, of_arm in table.groupby([*ARM, "code_version"], sort=False):
         robot = of_arm.robot.iloc[0]
         direct = of_arm[of_arm.method == "direct"]
-        curve = of_arm[of_arm.method == "paper"].sort_values("score")
+        guided = of_arm[(of_arm.method == "paper") & (of_arm["lambda"] <= 1)].sort_values("score")
         published = TABLE_3[robot]
         rows.append(
             {
@@ -104,14 +105,16 @@ def beside_the_paper(table: pd.DataFrame) -> pd.DataFrame:
                 "direct: paper": _published(published.direct),
                 "direct: ours": ", ".join(_mean_and_range(row) for _, row in direct.iterrows()) or "-",
                 "guided: paper": _published(published.guided),
-                "guided: ours": " to ".join(
-                    f"{_mean_and_range(row)} at λ {row['lambda']:g}" for _, row in curve.iloc[[0, -1]].iterrows()
-                )
-                if len(curve)
-                else "-",
+                "guided: ours": "; ".join(_ends(curve) for _, curve in guided.groupby("cell_size")) or "-",
             }
         )
     return pd.DataFrame(rows)
+
+
+def _ends(curve: pd.DataFrame) -> str:
+    """The lowest and the highest point of a curve in λ that is sorted by score."""
+    points = (f"{_mean_and_range(row)} at λ {row['lambda']:g}" for _, row in curve.iloc[[0, -1]].iterrows())
+    return f"{' to '.join(points)} (cells {curve.cell_size.iloc[0]:g} m)"
 
 
 def arm_text(rows: pd.DataFrame) -> str:

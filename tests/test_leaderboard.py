@@ -107,11 +107,15 @@ def test_the_best_comes_first_and_an_entry_is_marked(boards):
     assert table[table.entry].method.tolist() == ["pull-back"]
 
 
-def test_the_paper_stands_beside_us(boards):
-    table = beside_the_paper(boards[PAPER]).set_index("arm")
+def test_the_paper_stands_beside_us_over_its_own_range_of_lambda_and_cells_by_cells(boards):
+    guided = boards[PAPER].query("method == 'paper'")
+    beyond, finer = guided.assign(score=0.0, **{"lambda": 8.0}), guided.assign(cell_size=0.02)
+    table = beside_the_paper(pd.concat([boards[PAPER], beyond, finer])).set_index("arm")
     assert table["direct: paper"].to_dict() == {"xarm6": "95.4 (92.9 to 98.0)", "ur3": "64.6 (62.8 to 71.9)"}
     assert table["guided: paper"]["ur3"] == "91.3 (87.8 to 96.0)"
-    assert "at λ 1" in table["guided: ours"]["ur3"]
+    point = r"\d+\.\d\*? \(\d+\.\d to \d+\.\d\) at λ (?:0\.5|1)"
+    curve = rf"{point} to {point} \(cells %s m\)"
+    assert re.fullmatch(f"{curve % '0.02'}; {curve % '0.05'}", table["guided: ours"]["ur3"])
 
 
 def test_an_oracle_belongs_to_an_arm_only_if_it_stood_alike(transfer_episodes, boards):
@@ -257,6 +261,17 @@ def test_each_field_has_a_curve_of_its_own(boards):
     ax = curves(pd.concat([boards[PAPER], other])).axes[1]
     curves_of = {line.get_label().split(":")[0]: line.lines[0].get_xdata().tolist() for line in ax.containers}
     assert curves_of == {f"paper, cells {cell} m": [0.0, 0.5, 1.0] for cell in (0.05, 0.02)}
+
+
+def test_the_papers_range_of_lambda_keeps_most_of_the_axis_when_lambda_doubles_beyond_it(boards):
+    beyond = [boards[PAPER].query("`lambda` == 1").assign(**{"lambda": scale}) for scale in (2.0, 4.0, 8.0)]
+    figure = curves(pd.concat([boards[PAPER], *beyond]))
+    figure.draw_without_rendering()
+    for ax in figure.axes:
+        zero, one, eight = (ax.transData.transform((scale, 50))[0] for scale in (0, 1, 8))
+        assert one - zero > eight - one
+    lowest = figure.axes[-1].get_xticklabels()
+    assert [text.get_text() for text in lowest] == ["0", "0.2", "0.4", "0.6", "0.8", *"1248"]
 
 
 @pytest.mark.parametrize(
