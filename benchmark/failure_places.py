@@ -66,13 +66,12 @@ def main(config: FailurePlacesConfig) -> None:
     from benchmark.build_maps import energy_field
     from benchmark.config import FIRST_TEST_SEED
     from benchmark.feasibility_field import feasibility_field
-    from benchmark.ranking import PROTOCOLS, counted
+    from benchmark.ranking import PAPER, counted
     from benchmark.run import shipped
     from benchmark.trusted_rows import read_all_episodes
     from richmap.robots import load_robot
 
     console, output_dir = Console(), Path(config.output_dir)
-    (paper,) = [protocol for protocol in PROTOCOLS if protocol.name == "paper"]
     episodes, tables, curves, drawn = read_all_episodes(Path(config.episodes), FIRST_TEST_SEED), [], [], []
     if len(episodes):
         episodes = episodes[episodes.checkpoint_hash.isin(shipped())]
@@ -84,7 +83,7 @@ def main(config: FailurePlacesConfig) -> None:
         ends = ends_of(rows[rows.method == "direct"], arm, energy, distance)
         tables.append(by_cause(ends).assign(**about))
         drawn.append((arm, energy, ends))
-        curve = counted(rows[rows.method.isin(["direct", "paper"])], paper, shipped())
+        curve = counted(rows[rows.method.isin(["direct", "paper"])], PAPER, shipped())
         if curve["lambda"].nunique() > 1:
             scaled = ends_of(curve, arm, energy, distance).assign(scale=curve["lambda"].to_numpy())
             curves.append(by_scale(scaled).assign(**about))

@@ -37,18 +37,17 @@ class LambdaCurvesConfig:
 
 def main(config: LambdaCurvesConfig) -> None:
     """Draw what is stored."""
-    from benchmark.ranking import PROTOCOLS, counted, leaderboard
+    from benchmark.ranking import PAPER, counted, leaderboard
     from benchmark.run import shipped
     from benchmark.trusted_rows import read_all_episodes
 
-    (paper,) = [protocol for protocol in PROTOCOLS if protocol.name == "paper"]
-    episodes = counted(read_all_episodes(Path(config.output_dir), FIRST_TEST_SEED), paper, shipped(config.recipe))
+    episodes = counted(read_all_episodes(Path(config.output_dir), FIRST_TEST_SEED), PAPER, shipped(config.recipe))
     if not len(episodes):
         raise SettingError(
             f"There are no test episodes of the paper's protocol under {config.output_dir}. Make some: "
             f"python -m benchmark.run -m experiment=transfer recipe={config.recipe}"
         )
-    figure = curves(leaderboard(episodes, paper))
+    figure = curves(leaderboard(episodes, PAPER))
     for ending in ("svg", "png"):
         folder = recipe_folder(Path(config.output_dir), config.recipe)
         file = folder / "figures" / f"success_against_lambda.{ending}"

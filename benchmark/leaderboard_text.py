@@ -1,18 +1,14 @@
 """The leaderboard as a document."""
 
 from itertools import chain
-from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from benchmark.arm import setting_text
 from benchmark.published import TABLE_3
-from benchmark.ranking import ARM
+from benchmark.ranking import ARM, PAPER, Protocol
 from benchmark.recipe import RECIPES, USUAL
 from benchmark.scores import causes_text, difference_text, with_interval
-
-if TYPE_CHECKING:
-    from benchmark.ranking import Protocol
 
 TEXT = """# Leaderboard
 
@@ -63,14 +59,14 @@ of steps within 0.235 m of the base axis; *rectangle*: in the paper's dangerous 
 beyond 0.54 m."""
 
 
-def markdown(tables: "dict[Protocol, pd.DataFrame]", recipe: str = USUAL) -> str:
+def markdown(tables: dict[Protocol, pd.DataFrame], recipe: str = USUAL) -> str:
     """The leaderboards of all protocols as one document, of the policies of a recipe."""
     setting = "" if recipe == USUAL else f" recipe={recipe}"
     parts = [TEXT.format(setting=setting, demonstrations=RECIPES[recipe])]
     for protocol, table in tables.items():
         table = in_order(table, protocol)
         parts += [f"## Protocol `{protocol.name}`", PROTOCOL_TEXTS[protocol.name]]
-        if protocol.name == "paper":
+        if protocol == PAPER:
             parts += ["### Beside the paper's Table 3", PAPER_TEXT, _text(beside_the_paper(table))]
         for _, rows in table.groupby([*ARM, "code_version"], sort=False):
             first = rows.iloc[0]
@@ -83,9 +79,9 @@ def markdown(tables: "dict[Protocol, pd.DataFrame]", recipe: str = USUAL) -> str
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
 
-def in_order(table: pd.DataFrame, protocol: "Protocol") -> pd.DataFrame:
+def in_order(table: pd.DataFrame, protocol: Protocol) -> pd.DataFrame:
     """Arm by arm the best method first, or for the paper's protocol along its curve."""
-    if protocol.name != "paper":
+    if protocol != PAPER:
         return table
     arms = table.groupby([*ARM, "code_version"], sort=False)
     return pd.concat([rows.sort_values(["method", "lambda"]) for _, rows in arms])
@@ -138,7 +134,7 @@ def oracle_text(measured: dict | None) -> str:
     return f"{with_interval(measured, 'p2')} (n {measured['n']}, seeds from {measured['first']})"
 
 
-def scores(rows: pd.DataFrame, protocol: "Protocol") -> pd.DataFrame:
+def scores(rows: pd.DataFrame, protocol: Protocol) -> pd.DataFrame:
     """Scores of all methods on one arm."""
     shown = {**_method(rows), "n": [f"{row.n}{'' if row.complete else '*'}" for row in rows.itertuples()]}
     for name in protocol.scores:
@@ -190,7 +186,7 @@ def mechanism(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(shown)
 
 
-def by_policy(table: pd.DataFrame, protocol: "Protocol") -> pd.DataFrame:
+def by_policy(table: pd.DataFrame, protocol: Protocol) -> pd.DataFrame:
     """Scores of every policy by itself."""
     rows = []
     for row in table.to_dict("records"):

@@ -32,10 +32,9 @@ class Protocol:
     """Whether of our own policies only the best checkpoint of each training seed counts."""
 
 
-PROTOCOLS = (
-    Protocol("paper", ("original",), 50, 10, 9, ("score", "p2"), best_only=False),
-    Protocol("strict", ("embodied", "best"), 500, 50, 3, ("p2", "success_at_end", "p1", "score"), best_only=True),
-)
+PAPER = Protocol("paper", ("original",), 50, 10, 9, ("score", "p2"), best_only=False)
+STRICT = Protocol("strict", ("embodied", "best"), 500, 50, 3, ("p2", "success_at_end", "p1", "score"), best_only=True)
+PROTOCOLS = (PAPER, STRICT)
 
 ARM = ["setting", "robot", "base", "branch", "self_collision", "joint_limits", "orientation_weight"]
 SAMPLING = ["sampler", "sampling_steps", "batch_shape", "device"]

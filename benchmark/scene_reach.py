@@ -53,14 +53,13 @@ def main(config: SceneReachConfig) -> None:
     from rich.console import Console
 
     from benchmark.arm import stored_arms
-    from benchmark.ranking import PROTOCOLS, counted
+    from benchmark.ranking import STRICT, counted
     from benchmark.run import shipped
     from benchmark.trusted_rows import read_all_episodes
 
     console, folder = Console(), Path(config.episodes)
-    (strict,) = [protocol for protocol in PROTOCOLS if protocol.name == "strict"]
     every = read_all_episodes(folder, FIRST_TEST_SEED)
-    episodes = counted(every, strict, shipped())
+    episodes = counted(every, STRICT, shipped())
     tables = {}
     for arm in stored_arms(episodes, config.robots, config.settings):
         rows, oracles = with_leaning_tools(episodes, arm), oracle_rows(every, arm)

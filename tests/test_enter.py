@@ -14,7 +14,7 @@ from benchmark.command import SettingError
 from benchmark.enter import EnterConfig
 from benchmark.entry import Entry
 from benchmark.guidance_class import GuidanceClass
-from benchmark.ranking import PROTOCOLS, counted
+from benchmark.ranking import PAPER, STRICT, counted
 from benchmark.results import Episode, read_episodes, row_hash
 from benchmark.run import checkpoint_folder
 from benchmark.trusted_rows import read_trusted
@@ -88,8 +88,7 @@ def test_the_papers_protocol_is_setting_original_with_three_policies_of_a_seed(e
     enter.main(config)
     rows = read_trusted(tmp_path / "mine" / "episodes.parquet")
     assert {*rows.checkpoint} == {"seed42-1", "seed42-2", "seed42-3"} and {*rows.setting} == {"original"}
-    paper, strict = PROTOCOLS
-    assert len(counted(rows, paper, set())) == 3 and counted(rows, strict, set()).empty
+    assert len(counted(rows, PAPER, set())) == 3 and counted(rows, STRICT, set()).empty
     with pytest.raises(SettingError, match="Allowed: original or embodied, best"):
         settings(entry, tmp_path, settings=["original", "best"])  # Of two protocols.
     for name in ("episodes", "slots", "replays"):

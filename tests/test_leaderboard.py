@@ -17,13 +17,12 @@ from benchmark.lambda_curves import curves
 from benchmark.leaderboard import LeaderboardConfig, main
 from benchmark.leaderboard_text import beside_the_paper, markdown
 from benchmark.oracle_scores import with_oracles
-from benchmark.ranking import ARM, PROTOCOLS, counted, leaderboard
+from benchmark.ranking import ARM, PAPER, PROTOCOLS, STRICT, counted, leaderboard
 from benchmark.recipe import SHIPPED, USUAL, recipe_folder
 from benchmark.results import read_episodes
 from benchmark.run import shipped
 from benchmark.statistics import holm, paired_p_value
 
-PAPER, STRICT = PROTOCOLS
 OURS = {f"hash of seed{seed}" for seed in ("42-1", "42-2", "43-1", "44-1")}
 
 

@@ -11,9 +11,8 @@ import pytest
 
 from benchmark.leaderboard_page import page
 from benchmark.oracle_scores import with_oracles
-from benchmark.ranking import PROTOCOLS, counted, leaderboard
+from benchmark.ranking import PAPER, PROTOCOLS, STRICT, counted, leaderboard
 
-PAPER, STRICT = PROTOCOLS
 RESULTS = Path(__file__).parents[1] / "results"
 QUIET = [
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
