@@ -46,7 +46,7 @@ def main(config: CauseVideosConfig) -> None:
 
     console, output_dir = Console(), Path(config.output_dir)
     files = sorted(Path(config.episodes).rglob("episodes.parquet"))
-    tables = [table for file in files if len(table := read_trusted(file))]
+    tables = [table.assign(arithmetic=table.get("arithmetic")) for file in files if len(table := read_trusted(file))]
     failed = pd.concat([table[table.failure_cause.notna()] for table in tables], ignore_index=True) if tables else []
     failed = failed[~failed.method.isin(ORACLE_METHODS.values())] if len(failed) else failed
     if not len(failed):
@@ -71,16 +71,18 @@ def main(config: CauseVideosConfig) -> None:
 def examples(failed: "pd.DataFrame", code: str, policies: set[str]) -> "pd.DataFrame":
     """One row for each cause that there is, of this version of the code, of our own methods and of these policies.
 
-    Episodes with fewer denoising steps than the default come last, direct transfer before guidance, the UR3 before the
+    Rows that do not say how their machine rounded come last, since they may not replay on another, and of each kind
+    episodes with fewer denoising steps than the default; direct transfer comes before guidance, the UR3 before the
     other targets and these before the source; then seeds.
     """
     ours = failed[(failed.code_version == code) & (failed.entry_hash == "") & failed.checkpoint_hash.isin(policies)]
     order = ours.assign(
+        unsaid=ours.arithmetic.isna(),
         rushed=ours.sampling_steps < RunConfig().sampling_steps,
         guided=ours["lambda"] > 0,
         arm=ours.robot.map([*TASK_ARMS[1:], TASK_ARMS[0]].index),
     )
-    order = order.sort_values(["rushed", "guided", "arm", "episode_seed", "row_hash"])
+    order = order.sort_values(["unsaid", "rushed", "guided", "arm", "episode_seed", "row_hash"])
     return ours.loc[order.groupby("failure_cause", sort=False).head(1).index]
 
 

@@ -59,7 +59,7 @@ def test_without_failed_episodes_the_way_out_is_said(tmp_path):
         main(CauseVideosConfig(episodes=str(tmp_path), output_dir=str(tmp_path)))
 
 
-def test_direct_transfer_on_target_arms_comes_first_and_other_code_never():
+def test_what_replays_everywhere_comes_first_then_direct_transfer_on_target_arms_and_other_code_never():
     def row(seed, cause, **condition):
         made = episode(seed, p2=False, condition=dataclasses.replace(CONDITION, **condition)).row()
         return made | {"failure_cause": cause}
@@ -72,6 +72,8 @@ def test_direct_transfer_on_target_arms_comes_first_and_other_code_never():
             row(9, "dithering", robot="ur10"),
             row(4, "dithering", robot="ur3", sampling_steps=1),
             row(3, "time_out", **guided),
+            row(6, "pushed_through", arithmetic="here", **guided),
+            row(5, "pushed_through", robot="ur3"),
             row(0, "time_out", code_version="v0"),
             row(0, "time_out", entry_hash="abc"),
             row(0, "time_out", checkpoint_hash="of a policy that is not here"),
@@ -82,6 +84,7 @@ def test_direct_transfer_on_target_arms_comes_first_and_other_code_never():
     assert {(each.failure_cause, each.episode_seed) for each in chosen.itertuples()} == {
         ("dithering", 9),
         ("time_out", 3),
+        ("pushed_through", 6),
     }
     text = markdown(chosen, failed.failure_cause.value_counts())
     assert "| `dithering` | 4 | ur10" in text and "`block_tipped`" in text.split("| cause")[0]
