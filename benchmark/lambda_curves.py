@@ -105,6 +105,7 @@ def curves(table: "pd.DataFrame") -> "Figure":
         for ax in panels.flat:
             ax.set_xscale("symlog", linthresh=1, linscale=2)
             ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+            ax.set_xlim(-0.05, 1.15 * farthest)
             ax.xaxis.minorticks_off()
     shown = dict(pair[::-1] for ax in panels.flat for pair in zip(*ax.get_legend_handles_labels(), strict=True))
     figure.legend(shown.values(), shown, fontsize=6, loc="outside lower center", ncols=3)
