@@ -77,12 +77,12 @@ def examples(failed: "pd.DataFrame", code: str, policies: set[str]) -> "pd.DataF
     """
     ours = failed[(failed.code_version == code) & (failed.entry_hash == "") & failed.checkpoint_hash.isin(policies)]
     order = ours.assign(
-        unsaid=ours.arithmetic.isna(),
+        rounding_unknown=ours.arithmetic.isna(),
         rushed=ours.sampling_steps < RunConfig().sampling_steps,
         guided=ours["lambda"] > 0,
         arm=ours.robot.map([*TASK_ARMS[1:], TASK_ARMS[0]].index),
     )
-    order = order.sort_values(["unsaid", "rushed", "guided", "arm", "episode_seed", "row_hash"])
+    order = order.sort_values(["rounding_unknown", "rushed", "guided", "arm", "episode_seed", "row_hash"])
     return ours.loc[order.groupby("failure_cause", sort=False).head(1).index]
 
 

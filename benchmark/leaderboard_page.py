@@ -38,7 +38,7 @@ def page(tables: "dict[Protocol, pd.DataFrame]", figures: Path, recipe: str = US
     ]
     versions = sorted({row["code_version"] for row in rows})
     commits = sorted({commit for row in rows for commit in row["commits"]})
-    episodes, unpinned = sum(row["n"] for row in rows), sum(row["rounding_unknown"] for row in rows)
+    episodes, rounding_unknown = sum(row["n"] for row in rows), sum(row["rounding_unknown"] for row in rows)
     data = {
         "rows": rows,
         "protocols": {
@@ -47,7 +47,7 @@ def page(tables: "dict[Protocol, pd.DataFrame]", figures: Path, recipe: str = US
         },
         "published": {robot: asdict(published) for robot, published in TABLE_3.items()},
         "pictures": pictures(figures),
-        "about": f"{episodes:,} episodes on test seeds from 100000 on, of which {unpinned:,} do not say how they were "
+        "about": f"{episodes:,} episodes on test seeds from 100000 on, of which {rounding_unknown:,} do not say how they were "
         f"rounded; code version {', '.join(versions)}; commit {', '.join(commits)}. Policies learned from "
         f"{RECIPES[recipe]}.",
     }

@@ -119,11 +119,11 @@ def arm_text(rows: pd.DataFrame) -> str:
     may_bind = {"self-collision": first.self_collision, "joint limits": first.joint_limits}
     binding = " and ".join(name for name, binds in may_bind.items() if binds) or "nothing"
     oracles = [f"{role}: {oracle_text(first[role])}" for role in ("reference", "ceiling")]
-    unpinned = f" Of {rows.n.sum():,} rows {rows.rounding_unknown.sum():,} do not say how they were rounded."
+    rounding_unknown = f" Of {rows.n.sum():,} rows {rows.rounding_unknown.sum():,} do not say how they were rounded."
     return (
         f"Base {first.base} m, wrist {first.branch}, {binding} binding; code {first.code_version}, commit "
         f"{', '.join(sorted({*chain(*rows.commits)}))}. p2 of the {'; of the '.join(oracles)}."
-        f"{unpinned if rows.rounding_unknown.any() else ''}"
+        f"{rounding_unknown if rows.rounding_unknown.any() else ''}"
     )
 
 
