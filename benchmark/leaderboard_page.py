@@ -47,8 +47,8 @@ def page(tables: "dict[Protocol, pd.DataFrame]", figures: Path, recipe: str = US
         },
         "published": {robot: asdict(published) for robot, published in TABLE_3.items()},
         "pictures": pictures(figures),
-        "about": f"{episodes:,} episodes on test seeds from 100000 on, of which {rounding_unknown:,} do not say how they were "
-        f"rounded; code version {', '.join(versions)}; commit {', '.join(commits)}. Policies learned from "
+        "about": f"{episodes:,} episodes on test seeds from 100000 on, of which {rounding_unknown:,} do not say how "
+        f"they were rounded; code version {', '.join(versions)}; commit {', '.join(commits)}. Policies learned from "
         f"{RECIPES[recipe]}.",
     }
     return TEMPLATE.read_text().replace("{{data}}", json.dumps(data).replace("<", "\\u003c"))
