@@ -8,6 +8,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -85,7 +86,7 @@ def main(config: ReplayConfig) -> None:
         same = [name for name in row if name not in {*differing, *NOT_REPLAYED}]
         console.print(f"  bit-equal: {', '.join(same)}", soft_wrap=True, highlight=False)
         for name, (stored, replayed) in differing.items():
-            console.print(f"  differs: {name}, stored {stored}, replayed {replayed}", soft_wrap=True, highlight=False)
+            console.print(f"  differs: {name}, {_apart(stored, replayed)}", soft_wrap=True, highlight=False)
         if differing and (how := stored_otherwise(row)):
             console.print(f"  {how}", soft_wrap=True, highlight=False)
         if code:
@@ -147,6 +148,15 @@ def differences(row: Mapping[str, Any], episode: "Episode") -> dict[str, tuple[A
 
     values = {name: (plain(row.get(name)), plain(value)) for name, value in episode.row().items()}
     return {name: pair for name, pair in values.items() if name not in NOT_REPLAYED and pair[0] != pair[1]}
+
+
+def _apart(stored: Any, replayed: Any) -> str:
+    """Both values; of a path, those where the two part."""
+    if not (isinstance(stored, list) and isinstance(replayed, list)):
+        return f"stored {stored}, replayed {replayed}"
+    pairs = zip_longest(stored, replayed)
+    step, (was, now) = next((step, pair) for step, pair in enumerate(pairs) if pair[0] != pair[1])
+    return f"from entry {step} on: stored {was}, replayed {now}; {len(stored)} and {len(replayed)} entries"
 
 
 def stored_otherwise(row: Mapping[str, Any]) -> str:

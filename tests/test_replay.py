@@ -56,12 +56,15 @@ def test_of_several_rows_those_whose_pieces_are_not_here_are_named_and_the_other
 
 def test_what_did_not_happen_is_found_though_it_is_signed(stored, tmp_path, capsys):
     """Also in what the row claims to have been run with."""
-    length = int(read_episodes(stored).length[1])
+    row = read_episodes(stored).iloc[1]
+    length, path = int(row.length), row.path_x.tolist()
+    edited = [*path[:3], path[3] + 9, *path[4:]]
     with pytest.raises(SystemExit, match="1"):
-        replay.main(changed(stored, tmp_path, number=1, length=length + 1, training_seed=7))
+        replay.main(changed(stored, tmp_path, number=1, length=length + 1, training_seed=7, path_x=edited))
     shown = capsys.readouterr().out
     assert f"differs: length, stored {length + 1}, replayed {length}" in shown
-    assert "differs: training_seed, stored 7, replayed 42" in shown and shown.count("differs") == 2
+    assert f"differs: path_x, from entry 3 on: stored {path[3] + 9}, replayed {path[3]}; {len(path)} and" in shown
+    assert "differs: training_seed, stored 7, replayed 42" in shown and shown.count("differs") == 3
 
 
 def test_a_row_of_other_code_is_replayed_and_the_code_is_named(stored, tmp_path, capsys):
