@@ -1,11 +1,20 @@
-"""What the README shows runs as it stands there."""
+"""What the README shows runs as it stands there, and what the documents link to is there."""
 
 import re
 from pathlib import Path
 
 import gymnasium
+import pytest
 
-README = Path(__file__).parents[1] / "README.md"
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
+
+
+@pytest.mark.parametrize("document", [README, *sorted((ROOT / "results").rglob("*.md"))], ids=lambda path: path.parent.name)
+def test_links_lead_to_files(document):
+    links = re.findall(r"\]\(([^)#\s]+)", document.read_text())
+    missing = [link for link in links if "://" not in link and not (document.parent / link).exists()]
+    assert not missing
 
 
 def test_the_vector_environment_with_a_foreign_policy():
