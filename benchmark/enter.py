@@ -119,6 +119,7 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     """Roll out and store what is missing, and print the scores of each arm, setting and policy."""
     import pandas as pd
 
+    from benchmark.arithmetic import arithmetic
     from benchmark.replay import alone
     from benchmark.results import drop_outdated
     from benchmark.run import run_and_store_all
@@ -136,13 +137,13 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
         shutil.copyfile(entry.folder / "entry.yaml", path)
     if dropped := drop_outdated(folder, rollouts[0].condition):
         console.print(f"{dropped} rows that other files of the entry or older code made are dropped and run again.")
-    before = read_trusted(folder / "episodes.parquet")
+    read_trusted(folder / "episodes.parquet")
     tables = run_and_store_all(rollouts, run, entry.about.name, console)
     for row in (by_condition(table).iloc[0] for table in tables):
         scores = ", ".join(f"{name} {with_interval(row, name)}" for name in SCORES)
         console.print(f"{row.robot}, {row.setting}, {row.checkpoint}, n = {row.n}: {scores}", soft_wrap=True)
     made = pd.concat(tables)
-    made = made[~made.row_hash.isin(before.get("row_hash", []))]
+    made = made[made.arithmetic == arithmetic()]  # Those of other machines may differ here.
     some = made.sample(min(ALONE, len(made)), random_state=0)
     again = (alone(rollouts[nearest(row, rollouts)[0]], row["episode_seed"]) for row in some.to_dict("records"))
     if refused := list(otherwise(some, again)):
@@ -221,7 +222,7 @@ def nearest(row: Mapping[str, Any], rollouts: "Sequence[Rollout]") -> tuple[int,
 
     differing = []
     for rollout in rollouts:
-        pairs = {name: (plain(row[name]), plain(value)) for name, value in rollout.condition.row().items()}
+        pairs = {name: (plain(row.get(name)), plain(value)) for name, value in rollout.condition.row().items()}
         differing.append({name: pair for name, pair in pairs.items() if name != "commit" and pair[0] != pair[1]})
     which = min(range(len(rollouts)), key=lambda i: len(differing[i]))
     return which, differing[which]

@@ -2,13 +2,16 @@
 
 import base64
 import json
+import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from markdown_it import MarkdownIt
+
 from benchmark.arm import setting_text
 from benchmark.config import TASK_ARMS
-from benchmark.leaderboard_text import PROTOCOL_TEXTS
+from benchmark.leaderboard_text import HOW_TO_READ, MECHANISM_TEXT, PROTOCOL_TEXTS
 from benchmark.published import TABLE_3
 from benchmark.recipe import RECIPES, USUAL
 
@@ -18,6 +21,9 @@ if TYPE_CHECKING:
     from benchmark.ranking import Protocol
 
 TEMPLATE = Path(__file__).with_suffix(".html")
+
+TEXTS = {"how_to_read": HOW_TO_READ, "mechanism": MECHANISM_TEXT}
+"""Prose of the document that the page has as well."""
 
 PICTURES = 4
 """Most moving pictures of an arm."""
@@ -51,7 +57,9 @@ def page(tables: "dict[Protocol, pd.DataFrame]", figures: Path, recipe: str = US
         f"they were rounded; code version {', '.join(versions)}; commit {', '.join(commits)}. Policies learned from "
         f"{RECIPES[recipe]}.",
     }
-    return TEMPLATE.read_text().replace("{{data}}", json.dumps(data).replace("<", "\\u003c"))
+    prose = {name: MarkdownIt().render(text) for name, text in TEXTS.items()}
+    filled = prose | {"data": json.dumps(data).replace("<", "\\u003c")}
+    return re.sub(r"{{(\w+)}}", lambda place: filled[place[1]], TEMPLATE.read_text())
 
 
 def pictures(folder: Path) -> list[dict[str, str]]:

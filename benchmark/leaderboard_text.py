@@ -16,7 +16,10 @@ Made by `python -m benchmark.leaderboard{setting}` from the stored episodes alon
 pictures: [`leaderboard.html`](leaderboard.html).
 
 - **Policies** learned from {demonstrations}.
-- **Episodes**: test seeds from 100000 on, by which nothing was chosen; the same for all arms, methods and scales.
+"""
+
+HOW_TO_READ = """- **Episodes**: test seeds from 100000 on, by which nothing was chosen; the same for all arms, methods
+  and scales.
 - **Scores**, in percent: `score` is 0.49 for some block in a target and 1 for both; `p2` is both in different targets
   at one moment; `success_at_end` is both still there one second later.
 - **[ ]** are 95 % intervals for other trainings and other episodes: a bootstrap of training seeds crossed with episode
@@ -53,16 +56,16 @@ other branch, or with another weight of orientation in the inverse kinematics, s
 transfer on the arm of the setting `embodied`: same policies, same episodes, in points; intervals and p as above."""
 
 MECHANISM_TEXT = """In percent, then the difference to direct transfer in points. *Farther first*: of episodes in which
-a block entered a target, those in which the first one entered the farther target. *Order changed*: of episodes in which
-a block entered a target with guidance and without, those in which another block or target was first. *Near base*: share
-of steps within 0.235 m of the base axis; *rectangle*: in the paper's dangerous one, in its two readings; *outer reach*:
-beyond 0.54 m."""
+a block entered a target, those in which the first one entered the farther target; its difference is over the episodes
+in which one did either way. *Order changed*: of these episodes, those in which another block or target was first. The
+others are shares of an episode's steps (means over episodes): *near base* within 0.235 m of the base axis; *rectangle*
+in the paper's dangerous one, in its two readings; *outer reach* beyond 0.54 m."""
 
 
 def markdown(tables: dict[Protocol, pd.DataFrame], recipe: str = USUAL) -> str:
     """The leaderboards of all protocols as one document, of the policies of a recipe."""
     setting = "" if recipe == USUAL else f" recipe={recipe}"
-    parts = [TEXT.format(setting=setting, demonstrations=RECIPES[recipe])]
+    parts = [TEXT.format(setting=setting, demonstrations=RECIPES[recipe]) + HOW_TO_READ]
     for protocol, table in tables.items():
         table = in_order(table, protocol)
         parts += [f"## Protocol `{protocol.name}`", PROTOCOL_TEXTS[protocol.name]]

@@ -19,7 +19,8 @@ def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
     """A row per arm, method, field and scale, over all checkpoints: n, p2, score, and differences to direct transfer.
 
     Differences are paired: same checkpoint, same episode. `chosen` is the scale with the best p2, of equal ones the
-    smallest. Intervals are for other trainings and other episodes.
+    smallest; of those that were rolled out whole, on every episode of direct transfer's. Intervals are for other
+    trainings and other episodes.
     """
     import pandas as pd
 
@@ -34,7 +35,7 @@ def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
         for key, point in group.groupby([*METHOD, "lambda"], sort=False, dropna=False):
             pairs = point.merge(direct, on=["checkpoint_hash", "episode_seed"], suffixes=("", "_direct"))
             row = dict(zip([*ARM, *METHOD, "lambda"], (*arm, *key), strict=True))
-            row |= {"n": len(point), "checkpoints": point.checkpoint_hash.nunique()}
+            row |= {"n": len(point), "checkpoints": point.checkpoint_hash.nunique(), "whole": len(pairs) == len(direct)}
             for name in ("p2", "score"):
                 less = pairs[name].astype(float) - pairs[f"{name}_direct"].astype(float)
                 rate, difference = (
@@ -46,6 +47,6 @@ def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
                 row |= dict(zip(of_difference, difference, strict=True))
             rows.append(row)
     table = pd.DataFrame(rows).sort_values([*ARM, *METHOD, "lambda"], ignore_index=True)
-    in_order = table.sort_values(["p2", "lambda"], ascending=[False, True])
+    in_order = table[table.whole].sort_values(["p2", "lambda"], ascending=[False, True])
     best = in_order.groupby([*ARM, *METHOD], dropna=False).head(1)
     return table.assign(chosen=table.index.isin(best.index))

@@ -219,8 +219,16 @@ def run_job(config: DictConfig) -> None:
     job = typed(config, RunConfig)
     try:
         job = replace(with_scale(job), workers=1)
+        failure_file(Path(HydraConfig.get().sweep.dir), job_name(job)).unlink(missing_ok=True)  # It is tried again.
         rollout = make_rollout(job, job.guidance_scale, chosen_checkpoint(job), QUIET)
-        log_evaluation(job, rollout, run_and_store(rollout, job, QUIET), Path(HydraConfig.get().sweep.dir).name)
+        episodes = run_and_store(rollout, job, QUIET)
+        try:
+            log_evaluation(job, rollout, episodes, Path(HydraConfig.get().sweep.dir).name)
+        except Exception as error:
+            alone = f"python -m benchmark.run {' '.join(HydraConfig.get().overrides.task)}"
+            raise SettingError(
+                f"Its episodes are stored, but W&B did not take them ({error}). Log them: {alone}"
+            ) from error
     except Exception as error:
         hydra = HydraConfig.get()
         note_failure(Path(hydra.sweep.dir), job, hydra.overrides.task, error)

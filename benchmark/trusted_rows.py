@@ -1,5 +1,6 @@
 """Rows of episodes that may be published: as they were stored, and with nothing in them that cannot be."""
 
+from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import get_args, get_type_hints
@@ -14,6 +15,7 @@ from benchmark.results import COLUMNS, IDENTITY, PRODUCER, Condition, read_table
 from envs import MAX_EPISODE_STEPS
 from envs.failure import CAUSES
 from envs.outcome import EpisodeOutcome
+from envs.scene import draw_scene
 from policies.methods import METHODS
 
 HINTS = get_type_hints(Condition) | get_type_hints(EpisodeOutcome) | {"lambda": float, "episode_seed": int, "slot": int}
@@ -105,6 +107,7 @@ def contradictions(table: pd.DataFrame) -> dict[str, pd.Series]:
         f"it is longer than {MAX_EPISODE_STEPS} steps": table.length > MAX_EPISODE_STEPS,
         "its lambda is no number": ~np.isfinite(table["lambda"]),
         "its slot is not its seed modulo batch_shape": table.slot != table.episode_seed % table.batch_shape.clip(1),
+        "its mode is not that of its seed's scene": table["mode"] != table.episode_seed.map(_mode),
         "its score does not follow from p1 and p2": table.score != score,
         "it has p2 without p1": table.p2 & ~table.p1,
         "it has success_at_end without p2": table.success_at_end & ~table.p2,
@@ -117,6 +120,11 @@ def contradictions(table: pd.DataFrame) -> dict[str, pd.Series]:
         ),
         "a share is not within 0 to 1": ~((shares >= 0) & (shares <= 1)).all(axis=1),
     }
+
+
+@cache
+def _mode(seed: int) -> int:
+    return draw_scene(seed).mode
 
 
 def _check_type(table: pd.DataFrame, name: str, file: Path) -> None:

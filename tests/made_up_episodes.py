@@ -4,6 +4,7 @@ import dataclasses
 
 from benchmark.results import Condition, Episode
 from envs.outcome import EpisodeOutcome
+from envs.scene import draw_scene
 
 CONDITION = Condition(
     robot="ur3", setting="embodied", base="0 0 0", branch="out", self_collision=True, joint_limits=True,
@@ -17,7 +18,7 @@ def episode(seed, p1=True, p2=True, condition=CONDITION):
     values = {
         f.name: 0.0 if f.type in (float, "float") else None for f in dataclasses.fields(EpisodeOutcome)
     } | dict(
-        score=0.49 * p1 + 0.51 * p2, p1=p1, p2=p2, success_at_end=p2, length=3, mode=0,
+        score=0.49 * p1 + 0.51 * p2, p1=p1, p2=p2, success_at_end=p2, length=3, mode=draw_scene(seed).mode,
         path_x=(400, 410, 420), path_y=(-200, -190, -180),
         failure_cause=None if p2 else "outer_reach", first_block=0 if p1 else None,
         first_target="near" if p1 else None, first_entry_s=0.2 if p1 else None,

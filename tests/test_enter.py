@@ -19,6 +19,7 @@ from benchmark.results import Episode, read_episodes, row_hash
 from benchmark.run import checkpoint_folder
 from benchmark.trusted_rows import read_trusted
 from envs.outcome import EpisodeOutcome
+from envs.scene import draw_scene
 
 ROOT = Path(__file__).parents[1]
 SEEDS = [100_000, 100_001, 100_002]
@@ -114,7 +115,7 @@ def edit(number, **values):
     ("change", "reasons"),
     [
         (
-            edit(1, episode_seed=50_001, slot=50_001 % 3),
+            edit(1, episode_seed=50_001, slot=50_001 % 3, mode=draw_scene(50_001).mode),
             [
                 r"row 1 \(xarm6, .*, mine 1.0, seed42-1, episode 50001\): its seed is none of the protocol's, 100000",
                 r"xarm6, embodied, mine 1.0, seed42-1, episode 100001 is missing",
@@ -123,7 +124,10 @@ def edit(number, **values):
         (edit(2, code_version="0123"), [r"row 2 .*episode 100002\): code_version is 0123, not "]),
         (edit(0, setting="original", self_collision=False), [r"row 0 .*setting is original, not embodied"]),
         (edit(0, entry_hash="0123"), [r"row 0 .*entry_hash is 0123, not "]),
-        (edit(1, episode_seed=100_000, slot=1), [r"row 1 .*is there already", r"100001 is missing"]),
+        (
+            edit(1, episode_seed=100_000, slot=1, mode=draw_scene(100_000).mode),
+            [r"row 1 .*is there already", r"100001 is missing"],
+        ),
         (lambda rows: rows[1:], [r"episode 100000 is missing"]),
     ],
 )
@@ -134,6 +138,17 @@ def test_rows_that_are_not_the_protocols_are_refused_by_name(entry, entered, tmp
     for reason in reasons:
         assert re.search(f"Refused: .*{reason}", shown), shown
     assert "is refused. Make its rows here: python -m benchmark.enter entry=" in shown
+
+
+def test_a_table_that_does_not_say_how_it_was_rounded_is_refused(entry, entered, tmp_path, capsys):
+    """As rows of before it was asked, which lack the column."""
+
+    def older(rows):
+        return [{name: value for name, value in row.items() if name != "arithmetic"} for row in rows]
+
+    with pytest.raises(SystemExit, match="1"):
+        enter.main(settings(entry, tmp_path, table=sent(entered, tmp_path, older)))
+    assert re.search("Refused: row 0 .*: arithmetic is None, not ", capsys.readouterr().out)
 
 
 def test_an_edited_number_is_refused(entry, entered, tmp_path, capsys):
@@ -155,17 +170,22 @@ def test_an_edited_row_is_not_gone_on_with(entry, entered, tmp_path):
 
 def test_a_changed_entry_is_run_again_and_nothing_else(entry, entered, tmp_path, monkeypatch, capsys):
     table, ran = read_episodes(entered / "mine"), []
-    row = table.to_dict("records")[0] | {"failure_cause": None, "path_x": (400,), "path_y": (-200,)}
-    outcome = EpisodeOutcome(**{each.name: row[each.name] for each in fields(EpisodeOutcome)})
+    names = [each.name for each in fields(EpisodeOutcome)]
+    outcomes = {}
+    for row in table.to_dict("records"):
+        row |= {"path_x": tuple(row["path_x"].tolist()), "path_y": tuple(row["path_y"].tolist())}
+        outcomes[row["episode_seed"]] = EpisodeOutcome(**{n: None if row[n] is pd.NA else row[n] for n in names})
 
     def play(rolled, seeds):
         ran.extend(seeds)
-        return [Episode(rolled.condition, seed, seed % 3, outcome) for seed in seeds]
+        return [Episode(rolled.condition, seed, seed % 3, outcomes[seed]) for seed in seeds]
 
     monkeypatch.setattr(rollout, "play", play)
     shutil.copytree(entered / "mine", tmp_path / "mine")
     enter.main(settings(entry, tmp_path))
-    assert ran == [] and read_episodes(tmp_path / "mine").equals(table)
+    assert sorted(ran) == SEEDS  # Each alone, though stored: a call may have been killed before it looked.
+    assert read_episodes(tmp_path / "mine").equals(table)
+    ran.clear()
     other = shutil.copytree(entry, tmp_path / "other")
     (other / "guidance.py").write_text((other / "guidance.py").read_text() + "# Better.\n")
     enter.main(settings(other, tmp_path))

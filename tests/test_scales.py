@@ -44,6 +44,20 @@ def test_the_table_is_what_counting_by_hand_gives():
     assert "## ur3, embodied" in text and "| paper" in text and "+25.0" in text
 
 
+def test_a_scale_that_was_not_rolled_out_whole_is_not_chosen():
+    episodes = pd.DataFrame(
+        rows("direct", 0.0, [1, 0, 0, 1]) + rows("paper", 0.5, [1, 1, 0, 0]) + rows("paper", 1.0, [1, 1])
+        + rows("towards", 0.1, [1])
+    )  # fmt: skip
+    table = scale_table(episodes)
+    assert [*zip(table.method, table["lambda"], table.n, table.chosen, strict=True)] == [
+        ("direct", 0.0, 4, True),
+        ("paper", 0.5, 4, True),
+        ("paper", 1.0, 2, False),
+        ("towards", 0.1, 1, False),
+    ]
+
+
 def test_scales_of_two_fields_are_two():
     coarse = pd.DataFrame(rows("paper", 0.5, [1, 1]) + rows("paper", 1.0, [0, 1])).assign(cell_size=0.05)
     fine = pd.DataFrame(rows("paper", 0.5, [0, 0]) + rows("paper", 1.0, [0, 1])).assign(cell_size=0.02)

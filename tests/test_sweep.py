@@ -30,7 +30,7 @@ from benchmark.command import SettingError
 from benchmark.config import ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig
 from benchmark.results import read_episodes
 from benchmark.run import checkpoint_folder, make_rollout, with_scale
-from benchmark.sweep import RELAUNCHES, guides_source, job_name, launch, typed_jobs
+from benchmark.sweep import RELAUNCHES, failure_file, guides_source, job_name, launch, typed_jobs
 from policies.methods import METHODS
 from richmap.robots import load_robot
 
@@ -204,18 +204,25 @@ def cache(tmp_path_factory):
         yield folder
 
 
+def small(folder):
+    """Settings of a small sweep."""
+    settings = ["robot=ur3", "setting=original", "lambda=0,0.5", "slots=2", "device=cpu", f"output_dir={folder}"]
+    settings += [f"map.{name}={value}" for name, value in COARSE.items()]
+    return [*settings, f"hydra.sweep.dir={folder / 'sweep'}"]
+
+
 def sweep(folder, *arguments):
     """Start a small sweep as from a terminal of its own."""
-    settings = ["robot=ur3", "setting=original", "lambda=0,0.5", "slots=2", "device=cpu", f"output_dir={folder}"]
-    settings += [f"hydra.sweep.dir={folder / 'sweep'}", *(f"map.{name}={value}" for name, value in COARSE.items())]
     with open(folder / "log.txt", "a") as log:
-        command = [sys.executable, "-m", "benchmark.run", "-m", *settings, *arguments]
+        command = [sys.executable, "-m", "benchmark.run", "-m", *small(folder), *arguments]
         return subprocess.Popen(command, cwd=ROOT, start_new_session=True, stdout=log, stderr=log)
 
 
 @pytest.fixture(scope="module")
 def swept(cache, tmp_path_factory):
-    """Rows of a sweep with a damaged policy that was killed and started again; those of before, its log, its folder."""
+    """Rows of a sweep with a damaged policy that was killed and started again; those of before, its log, its folder.
+
+    A job that then ends well had failed before."""
     folder = tmp_path_factory.mktemp("joblib")
     shutil.copytree(checkpoint_folder(42), folder / "good")
     shutil.copytree(checkpoint_folder(42), folder / "bad")
@@ -227,6 +234,10 @@ def swept(cache, tmp_path_factory):
     os.killpg(running.pid, signal.SIGKILL)
     running.wait()
     before = read_episodes(folder)
+    _, killed = jobs(*small(folder), "episodes=4", f"policy={folder / 'good'}")
+    failed = failure_file(folder / "sweep", job_name(killed))
+    failed.parent.mkdir(exist_ok=True)
+    failed.write_text("a job\nMemoryError: of the start before\n")
     status = sweep(folder, *arguments, "workers=1").wait(timeout=900)
     return read_episodes(folder), before, (status, (folder / "log.txt").read_text()), folder
 

@@ -63,6 +63,7 @@ def signed(folder, **values):
     [
         ({"score": 7.0}, "score does not follow"),
         ({"score": float("nan")}, "score does not follow"),
+        ({"mode": 7}, "mode is not that of its seed's scene"),
         ({"p2": False}, "score does not follow"),
         ({"p1": False}, "p2 without p1"),
         ({"score": 0.49, "p2": False, "failure_cause": "dithering"}, "success_at_end without p2"),
