@@ -1,5 +1,7 @@
 """Where episodes end is compared with what guidance would do there."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -87,3 +89,20 @@ def test_dots_lie_where_episodes_end(episodes):
     failed = ends[ends.cause == "outer_reach"][["x", "y"]].to_numpy()
     assert any(len(d) == 3 and np.allclose(d, failed) for d in dots)
     assert {text.get_text() for text in figure.legends[0].get_texts()} == {"outer_reach", "dithering", PLACED}
+
+
+def test_what_is_published_counts_the_episodes_that_are_stored():
+    """Of the strict protocol's arms, where every failed episode of direct transfer has its line."""
+    results = Path(__file__).parents[1] / "results"
+    lines = (results / "failure_places.md").read_text().split("| arm ")[1].splitlines()
+    cells = [[cell.strip() for cell in line.split("|")[1:5]] for line in lines if line.startswith("| ur")]
+    published = {(arm, setting, cause): int(n) for arm, setting, cause, n in cells}
+    checked = 0
+    for arm in ("ur3", "ur5", "ur10"):
+        for setting in ("embodied", "best"):
+            file = results / "methods" / "robust" / f"{arm}-{setting}" / "direct" / "episodes.parquet"
+            causes = pd.read_parquet(file, columns=["failure_cause"]).failure_cause.fillna(PLACED)
+            stored = causes.value_counts().to_dict()
+            assert {key[2]: n for key, n in published.items() if key[:2] == (arm, setting)} == stored
+            checked += len(stored)
+    assert checked > 6
