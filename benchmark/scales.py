@@ -294,8 +294,7 @@ def chosen_scale(config: RunConfig) -> float:
             return chosen[fingerprint]
     raise SettingError(
         f"lambda=null: {folder} has no scale of method={config.method} for {config.robot.name}, "
-        f"{config.setting}{' with the field of these settings' if chosen else ''}. Choose one, of scales that are all "
-        f"rolled out whole: python -m "
+        f"{config.setting}{' with the field of these settings' if chosen else ''}. Choose one: python -m "
         f"benchmark.scales robot={config.robot.name} setting={config.setting} recipe={config.recipe} "
         f"methods=[{config.method}] output_dir={config.scales_dir} (and arm.… as here), or give lambda."
     )
