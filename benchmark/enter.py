@@ -137,7 +137,7 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
         shutil.copyfile(entry.folder / "entry.yaml", path)
     if dropped := drop_outdated(folder, rollouts[0].condition):
         console.print(f"{dropped} rows that other files of the entry or older code made are dropped and run again.")
-    read_trusted(folder / "episodes.parquet")
+    read_trusted(folder / "episodes.parquet")  # Edited rows are not gone on with.
     tables = run_and_store_all(rollouts, run, entry.about.name, console)
     for row in (by_condition(table).iloc[0] for table in tables):
         scores = ", ".join(f"{name} {with_interval(row, name)}" for name in SCORES)

@@ -35,7 +35,11 @@ def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
         for key, point in group.groupby([*METHOD, "lambda"], sort=False, dropna=False):
             pairs = point.merge(direct, on=["checkpoint_hash", "episode_seed"], suffixes=("", "_direct"))
             row = dict(zip([*ARM, *METHOD, "lambda"], (*arm, *key), strict=True))
-            row |= {"n": len(point), "checkpoints": point.checkpoint_hash.nunique(), "whole": len(pairs) == len(direct)}
+            row |= {
+                "n": len(point),
+                "checkpoints": point.checkpoint_hash.nunique(),
+                "whole": 0 < len(pairs) == len(direct),
+            }
             for name in ("p2", "score"):
                 less = pairs[name].astype(float) - pairs[f"{name}_direct"].astype(float)
                 rate, difference = (

@@ -216,22 +216,22 @@ def rows_of(jobs: Iterable[Job]) -> Iterator[pd.DataFrame]:
 def run_job(config: DictConfig) -> None:
     """A job of a sweep: its own lambda only, in this process. Why it failed is written to the sweep's folder."""
     _tie_to_launcher()
-    job = typed(config, RunConfig)
+    job, hydra = typed(config, RunConfig), HydraConfig.get()
+    folder, overrides = Path(hydra.sweep.dir), hydra.overrides.task
     try:
         job = replace(with_scale(job), workers=1)
-        failure_file(Path(HydraConfig.get().sweep.dir), job_name(job)).unlink(missing_ok=True)  # It is tried again.
+        failure_file(folder, job_name(job)).unlink(missing_ok=True)  # It is tried again.
         rollout = make_rollout(job, job.guidance_scale, chosen_checkpoint(job), QUIET)
         episodes = run_and_store(rollout, job, QUIET)
         try:
-            log_evaluation(job, rollout, episodes, Path(HydraConfig.get().sweep.dir).name)
+            log_evaluation(job, rollout, episodes, folder.name)
         except Exception as error:
-            alone = f"python -m benchmark.run {' '.join(HydraConfig.get().overrides.task)}"
+            alone = f"python -m benchmark.run hydra.mode=RUN {' '.join(overrides)}"  # An experiment would sweep again.
             raise SettingError(
                 f"Its episodes are stored, but W&B did not take them ({error}). Log them: {alone}"
             ) from error
     except Exception as error:
-        hydra = HydraConfig.get()
-        note_failure(Path(hydra.sweep.dir), job, hydra.overrides.task, error)
+        note_failure(folder, job, overrides, error)
 
 
 @cache
