@@ -67,7 +67,7 @@ def covers(rng, spread, trainings=3, episodes=60, repeats=400):
 
 @pytest.mark.parametrize("spread", [0.0, 0.4, 1.0])
 def test_the_clustered_interval_covers_the_truth_also_where_three_trainings_differ(spread):
-    assert 0.92 < covers(np.random.default_rng(1), spread) <= 1
+    assert 0.92 < covers(np.random.default_rng(1), spread) < 1  # With no limits it would always.
 
 
 def test_the_clustered_difference_covers_the_truth():
@@ -78,7 +78,7 @@ def test_the_clustered_difference_covers_the_truth():
         treated, control = threshold < 0.6 + effect, threshold < 0.6
         _, low, high = clustered_difference(crossed(treated.astype(float) - control))
         hits.append(low <= 0.1 <= high)
-    assert 0.92 < np.mean(hits) <= 1
+    assert 0.92 < np.mean(hits) < 0.99
 
 
 def test_sign_flips_of_one_training_are_mcnemars_test():
