@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
 
-    from benchmark.results import Condition
+    from benchmark.results import Condition, Episode
     from envs.arms import ArmSetting
     from envs.feasibility import TableFeasibility
     from envs.outcome import EpisodeOutcome
@@ -89,26 +89,20 @@ def main(config: OracleConfig) -> None:
 
 def play_missing(player: ArmOracle, config: OracleConfig, output_dir: Path, console: "Console") -> "pd.DataFrame":
     """Rows of all episodes: the stored ones, and the rest played and stored a few at a time."""
-    from benchmark.progress import progress_bar
-    from benchmark.results import Episode, episodes_of, read_episodes, store_episodes
+    from benchmark.missing_episodes import run_missing
+    from benchmark.results import Episode
+
+    condition = player.condition
+
+    def run(missing: list[list[int]]) -> "Iterator[list[Episode]]":
+        chunks = [(player, part) for part in batched(missing[0], CHUNK)]
+        for (_, part), outcomes in zip(chunks, play_all(chunks, config.workers), strict=True):
+            yield [Episode(condition, seed, 0, outcome) for seed, outcome in zip(part, outcomes, strict=True)]
 
     seeds = range(config.seed_start, config.seed_start + config.episodes)
-
-    def stored() -> "pd.DataFrame":
-        rows = episodes_of(read_episodes(output_dir), player.condition)
-        return rows[rows.episode_seed.isin(seeds)] if len(rows) else rows
-
-    done = {*stored().get("episode_seed", [])}
-    chunks = [(player, part) for part in batched((seed for seed in seeds if seed not in done), CHUNK)]
-    condition = player.condition
     name = f"{player.oracle.capitalize()} oracle on {player.arm.robot}, {player.arm.name}"
-    with progress_bar(console) as progress:
-        task = progress.add_task(name, total=len(seeds), completed=len(done))
-        for (_, part), outcomes in zip(chunks, play_all(chunks, config.workers), strict=True):
-            pairs = zip(part, outcomes, strict=True)
-            store_episodes(output_dir, [Episode(condition, seed, 0, outcome) for seed, outcome in pairs])
-            progress.advance(task, len(part))
-    return stored()
+    (table,) = run_missing([condition], seeds, lambda _: output_dir, run, name, console)
+    return table
 
 
 def play_all(chunks: "list[tuple[ArmOracle, tuple[int, ...]]]", workers: int) -> "Iterator[list[EpisodeOutcome]]":

@@ -222,27 +222,19 @@ def run_and_store_all(
 ) -> "list[pd.DataFrame]":
     """The same for several rollouts, one after another under one progress bar of this name."""
     from benchmark.field_settings import note_settings
-    from benchmark.progress import progress_bar
-    from benchmark.results import episodes_of, read_episodes, store_episodes
+    from benchmark.missing_episodes import run_missing
     from benchmark.rollout import roll_out_all
 
     output_dir = Path(config.output_dir)
     note_settings(output_dir, rollouts, config)
-    seeds = range(config.seed_start, config.seed_start + config.episodes)
-
-    def stored() -> "list[pd.DataFrame]":
-        table = read_episodes(output_dir)
-        table = table if table.empty else table[table.episode_seed.isin(seeds)]
-        return [episodes_of(table, rollout.condition) for rollout in rollouts]
-
-    missing = [sorted({*seeds} - {*table.get("episode_seed", [])}) for table in stored()]
-    total = len(rollouts) * len(seeds)
-    with progress_bar(console) as progress:
-        task = progress.add_task(name, total=total, completed=total - sum(map(len, missing)))
-        for episodes in roll_out_all(zip(rollouts, missing, strict=True), config.workers):
-            store_episodes(output_dir, episodes)
-            progress.advance(task, len(episodes))
-    return stored()
+    return run_missing(
+        [rollout.condition for rollout in rollouts],
+        range(config.seed_start, config.seed_start + config.episodes),
+        lambda _: output_dir,
+        lambda missing: roll_out_all(zip(rollouts, missing, strict=True), config.workers),
+        name,
+        console,
+    )
 
 
 if __name__ == "__main__":

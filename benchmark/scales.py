@@ -6,6 +6,7 @@ python -m benchmark.scales robot=ur3 methods=[paper,feasibility]
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from pathlib import Path
+from statistics import mean
 from typing import TYPE_CHECKING
 
 from benchmark.command import SettingError, check_setting, run_command
@@ -246,29 +247,22 @@ def run_points(
 ) -> dict[str, float]:
     """Roll out what is not stored of some methods, each with all checkpoints, and give their p2."""
     from benchmark.field_settings import note_settings
-    from benchmark.progress import progress_bar
-    from benchmark.results import episodes_of, store_episodes
+    from benchmark.missing_episodes import run_missing
     from benchmark.rollout import roll_out_all
 
-    folder, seeds = config.folder, episode_seeds(config)
-    for method, rollouts in points.items():
-        note_settings(folder / method, rollouts, config.run(config.seeds[0]))
-
-    def stored() -> "dict[Rollout, pd.DataFrame]":
-        table = read_methods(folder)
-        table = table if table.empty else table[table.episode_seed.isin(seeds)]
-        return {rollout: episodes_of(table, rollout.condition) for group in points.values() for rollout in group}
-
-    before = stored()
-    jobs = [(rollout, sorted({*seeds} - {*rows.get("episode_seed", [])})) for rollout, rows in before.items()]
-    total = sum(len(missing) for _, missing in jobs)
-    with progress_bar(console) as progress:
-        task = progress.add_task(name, total=len(jobs) * len(seeds), completed=len(jobs) * len(seeds) - total)
-        for episodes in roll_out_all(jobs, config.workers):
-            store_episodes(folder / episodes[0].condition.method, episodes)
-            progress.advance(task, len(episodes))
-    after = stored()
-    return {method: sum(after[rollout].p2.mean() for rollout in group) / len(group) for method, group in points.items()}
+    for method, group in points.items():
+        note_settings(config.folder / method, group, config.run(config.seeds[0]))
+    rollouts = [rollout for group in points.values() for rollout in group]
+    tables = run_missing(
+        [rollout.condition for rollout in rollouts],
+        episode_seeds(config),
+        lambda condition: config.folder / condition.method,
+        lambda missing: roll_out_all(zip(rollouts, missing, strict=True), config.workers),
+        name,
+        console,
+    )
+    p2_of = {rollout: table.p2.mean() for rollout, table in zip(rollouts, tables, strict=True)}
+    return {method: mean(p2_of[rollout] for rollout in group) for method, group in points.items()}
 
 
 def chosen_scale(config: RunConfig) -> float:
