@@ -10,23 +10,24 @@ from benchmark.cache import package_versions
 
 ROOT = Path(__file__).parents[1]
 
-PACKAGES = ("mujoco", "robosuite", "numpy", "torch", "lerobot", "diffusers")
+PACKAGES = ("mujoco", "robosuite", "pin", "coal", "numpy", "scipy", "numba", "torch", "lerobot", "diffusers")
 """Whose versions decide an episode; pinned exactly."""
 
-ALIKE = {"e9458dfb1bed": "ce7997918d00", "86eb14e6f3c0": "ce7997918d00"}
-"""Versions by an older one whose episodes they give, so that they go by its name: after a change that was meant to
+ALIKE = {"1412bbb66066": "ce7997918d00"}
+"""The version by an older one whose episodes it gives, so that they go by its name: after each change that was meant to
 change no episode, all rows drawn at random replayed to the last bit (`python -m benchmark.replay
 table=results/transfer/robust random=60 seed=10`, and `table=results/methods/robust/ur3-embodied/reorder random=40
-seed=11`; the last, descriptions of the arms that come as MJCF rounded: `table=results/scales/robust/ur3-best random=40
-seed=12`)."""
+seed=11`; descriptions of the arms that come as MJCF rounded: `table=results/scales/robust/ur3-best random=40 seed=12`;
+the last put more files and packages under the version, and changed none of them)."""
 
 
 @cache
 def code_version() -> str:
     """SHA-256, first 12 digits, over the code, collision geometry and packages that decide an episode.
 
-    That is a rollout's own code, the environments, the policies, and of `richmap` what these import: not how maps are
-    built, which the fingerprint of a row's field stands for, nor how they are asked and verified. See `ALIKE`.
+    That is a rollout's own code, how an entry's guidance is asked, the environments, the policies, and of `richmap`
+    what these import: not how maps are built, which the fingerprint of a row's field stands for, nor how they are asked
+    and verified. See `ALIKE`.
     """
     digest = hashlib.sha256(package_versions(*PACKAGES).encode())
     for file in deciding_files():
@@ -37,7 +38,7 @@ def code_version() -> str:
 
 def deciding_files() -> list[Path]:
     """The files that `code_version` is over."""
-    own = [ROOT / "benchmark" / f"{name}.py" for name in ("rollout", "stock_policy")]
+    own = [ROOT / "benchmark" / f"{name}.py" for name in ("rollout", "stock_policy", "guidance_class", "unguided")]
     own += [file for package in ("envs", "policies") for file in (ROOT / package).glob("*.py")]
     finder = ModuleFinder(path=[str(ROOT)], excludes=["richmap.similarity"])  # which makes fields, as maps do
     for file in own:
