@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmark.arm import arm_columns, of_arm
+from benchmark.arm_oracle import ArmOracle
 from benchmark.command import check_setting, run_command
 from benchmark.config import FIRST_TEST_SEED, ORACLES, SETTINGS, check_folder, check_seeds, check_targets
-from benchmark.oracle import CHUNK, ArmOracle, play_all
+from benchmark.oracle import CHUNK, play_all
 from benchmark.outputs import replacing
 
 if TYPE_CHECKING:

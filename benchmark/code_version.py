@@ -13,12 +13,15 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("mujoco", "robosuite", "pin", "coal", "numpy", "scipy", "numba", "torch", "lerobot", "diffusers")
 """Whose versions decide an episode; pinned exactly."""
 
-ALIKE = {"1412bbb66066": "ce7997918d00"}
+OWN = ("rollout", "stock_policy", "guidance_class", "unguided", "arm_oracle")
+"""Modules here that decide an episode."""
+
+ALIKE = {"2ca13a9afe3e": "ce7997918d00"}
 """The version by an older one whose episodes it gives, so that they go by its name: after each change that was meant to
 change no episode, all rows drawn at random replayed to the last bit (`python -m benchmark.replay
 table=results/transfer/robust random=60 seed=10`, and `table=results/methods/robust/ur3-embodied/reorder random=40
 seed=11`; descriptions of the arms that come as MJCF rounded: `table=results/scales/robust/ur3-best random=40 seed=12`;
-the last put more files and packages under the version, and changed none of them)."""
+the last put more files and packages under the version, and moved the oracles' player to a file of its own)."""
 
 
 @cache
@@ -38,9 +41,10 @@ def code_version() -> str:
 
 def deciding_files() -> list[Path]:
     """The files that `code_version` is over."""
-    own = [ROOT / "benchmark" / f"{name}.py" for name in ("rollout", "stock_policy", "guidance_class", "unguided")]
+    own = [ROOT / "benchmark" / f"{name}.py" for name in OWN]
     own += [file for package in ("envs", "policies") for file in (ROOT / package).glob("*.py")]
-    finder = ModuleFinder(path=[str(ROOT)], excludes=["richmap.similarity"])  # which makes fields, as maps do
+    noted = ["richmap.similarity", "benchmark.run", "benchmark.config"]  # Columns stand for field and settings.
+    finder = ModuleFinder(path=[str(ROOT)], excludes=noted)
     for file in own:
         finder.run_script(str(file))
     found = {Path(module.__file__) for module in finder.modules.values() if module.__file__}

@@ -200,7 +200,7 @@ def alone(rollout: "Rollout", seed: int) -> "Episode":
 def oracle_alone(row: Mapping[str, Any]) -> "Episode":
     """The episode of a scripted oracle."""
     from benchmark.arm import arm_of
-    from benchmark.oracle import ArmOracle, play_chunk
+    from benchmark.arm_oracle import ArmOracle, play_chunk
     from benchmark.results import Episode
 
     (oracle,) = [name for name, method in ORACLE_METHODS.items() if method == row["method"]]

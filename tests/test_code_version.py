@@ -39,7 +39,13 @@ def test_whatever_a_guided_episode_loads_of_ours_decides_it():
 
 def test_the_version_is_of_content_and_includes_collision_geometry_but_no_verification():
     names = {file.relative_to(ROOT).as_posix() for file in deciding_files()}
-    assert {"benchmark/rollout.py", "envs/block_push.py", "policies/guidance.py", "richmap/collision.py"} <= names
+    assert {
+        "benchmark/rollout.py",
+        "benchmark/arm_oracle.py",
+        "envs/block_push.py",
+        "policies/guidance.py",
+        "richmap/collision.py",
+    } <= names
     assert any(name.endswith(".safetensors") for name in names)
     assert not names & {"richmap/fraction_map.py", "richmap/rm4d.py", "richmap/construction.py", "benchmark/speed.py"}
     assert len(code_version()) == 12
