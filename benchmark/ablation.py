@@ -11,11 +11,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from benchmark.collect import CollectConfig
 from benchmark.command import check_setting, run_command
 from benchmark.config import RobotConfig, RunConfig, check_folder, check_seeds
+from benchmark.demonstration_recipe import CollectConfig
+from benchmark.known_policies import CHECKPOINTS
+from benchmark.make_rollout import make_rollout
+from benchmark.missing_episodes import run_and_store_all
 from benchmark.outputs import replacing
-from benchmark.run import CHECKPOINTS, make_rollout, run_and_store_all
 from benchmark.source_policies import CLEAN
 from benchmark.train import TrainConfig
 

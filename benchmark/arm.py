@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from envs.arms import ArmSetting
 
 
+ARM = ["setting", "robot", "base", "branch", "self_collision", "joint_limits", "orientation_weight"]
+"""Columns that tell an arm in tables of episodes."""
+
+
 def chosen_arm(config: RunConfig | OracleConfig) -> "ArmSetting":
     """The setting's arm with the single choices replaced.
 
@@ -29,7 +33,7 @@ def chosen_arm(config: RunConfig | OracleConfig) -> "ArmSetting":
 
 
 def arm_columns(arm: "ArmSetting") -> dict[str, object]:
-    """What tells an arm in tables of episodes (`benchmark.ranking.ARM`)."""
+    """An arm's values of the columns `ARM`."""
     return {
         "robot": arm.robot,
         "setting": arm.name,
@@ -90,7 +94,6 @@ def stored_arms(episodes: "pd.DataFrame", robots: Sequence[str], settings: Seque
 
     Robot by robot, setting by setting, and in each the setting's own arm before those with another base or wrist.
     """
-    from benchmark.ranking import ARM
     from envs.arms import arm_setting
 
     if episodes.empty:

@@ -28,10 +28,9 @@ class ArmOracle:
 
         from benchmark.arithmetic import arithmetic
         from benchmark.arm import arm_columns
+        from benchmark.code_version import code_version, commit
         from benchmark.results import Condition
-        from benchmark.run import versions
 
-        code_version, commit = versions()
         return Condition(
             **arm_columns(self.arm),
             method=ORACLE_METHODS[self.oracle],
@@ -45,8 +44,8 @@ class ArmOracle:
             cell_size=math.nan,
             batch_shape=1,
             device="cpu",
-            code_version=code_version,
-            commit=commit,
+            code_version=code_version(),
+            commit=commit(),
             arithmetic=arithmetic(),
         )
 

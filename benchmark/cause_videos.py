@@ -38,10 +38,10 @@ def main(config: CauseVideosConfig) -> None:
     from rich.console import Console
 
     from benchmark.code_version import code_version
+    from benchmark.known_policies import shipped
     from benchmark.record import record
     from benchmark.replay import ReplayConfig, row_rollout
     from benchmark.results import row_name
-    from benchmark.run import shipped
     from benchmark.trusted_rows import read_trusted
 
     console, output_dir = Console(), Path(config.output_dir)

@@ -5,22 +5,19 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmark.demonstration import Demonstration, demonstrate, pack, source_env, unpack
+from benchmark.demonstration_recipe import CollectConfig
 from benchmark.progress import progress_bar
 from richmap.worker import start_worker
-
-if TYPE_CHECKING:
-    from benchmark.collect import CollectConfig
 
 EPISODES_PER_CHUNK = 5
 """Episodes that are stored at once: what a killed worker loses."""
 
 
-def simulate(config: "CollectConfig", chunks: Path) -> None:
+def simulate(config: CollectConfig, chunks: Path) -> None:
     """Fills the folder with one file per chunk of episodes."""
     missing = [chunk for chunk in _chunks(config) if not _chunk_path(chunks, chunk).exists()]
     done = config.episodes - sum(len(chunk) for chunk in missing)
@@ -39,7 +36,7 @@ def simulate(config: "CollectConfig", chunks: Path) -> None:
             raise
 
 
-def _simulate_chunk(config: "CollectConfig", seeds: range, chunks: Path) -> None:
+def _simulate_chunk(config: CollectConfig, seeds: range, chunks: Path) -> None:
     """Worker: one chunk of episodes, stored in one atomic step."""
     env = source_env()
     driver = Path(config.driver) if config.driver else None
@@ -52,7 +49,7 @@ def _simulate_chunk(config: "CollectConfig", seeds: range, chunks: Path) -> None
     os.replace(partial, path)
 
 
-def _kind(config: "CollectConfig", seed: int) -> str:
+def _kind(config: CollectConfig, seed: int) -> str:
     """Kind of an episode: drawn by its seed alone, so that more episodes never change the first ones."""
     draw = np.random.default_rng((seed, 0)).random()
     shares = {
@@ -69,7 +66,7 @@ def _kind(config: "CollectConfig", seed: int) -> str:
     return "clean"
 
 
-def played(config: "CollectConfig", chunks: Path) -> dict[str, dict[str, int]]:
+def played(config: CollectConfig, chunks: Path) -> dict[str, dict[str, int]]:
     """Episodes kept and episodes played of each kind: failures are played again, disturbed otherwise."""
     counts: dict[str, dict[str, int]] = {}
     for episode in stored(config, chunks):
@@ -79,14 +76,14 @@ def played(config: "CollectConfig", chunks: Path) -> dict[str, dict[str, int]]:
     return counts
 
 
-def stored(config: "CollectConfig", chunks: Path) -> Iterator[Demonstration]:
+def stored(config: CollectConfig, chunks: Path) -> Iterator[Demonstration]:
     """All episodes, in the order of their seeds."""
     for chunk in _chunks(config):
         with np.load(_chunk_path(chunks, chunk)) as arrays:
             yield from unpack(arrays)
 
 
-def _chunks(config: "CollectConfig") -> list[range]:
+def _chunks(config: CollectConfig) -> list[range]:
     end = config.seed_start + config.episodes
     return [
         range(start, min(start + EPISODES_PER_CHUNK, end))

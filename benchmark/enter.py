@@ -120,9 +120,9 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     import pandas as pd
 
     from benchmark.arithmetic import arithmetic
+    from benchmark.missing_episodes import run_and_store_all
     from benchmark.replay import alone
     from benchmark.results import drop_outdated
-    from benchmark.run import run_and_store_all
     from benchmark.scores import SCORES, by_condition, with_interval
     from benchmark.trusted_rows import read_trusted
 

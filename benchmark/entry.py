@@ -14,7 +14,8 @@ from benchmark.checkpoint import GUIDED, Checkpoint
 from benchmark.command import SettingError, typed
 from benchmark.config import EntryConfig, RunConfig
 from benchmark.guidance_class import GuidanceClass
-from benchmark.run import checkpoint_folder, guidance_field, make_condition
+from benchmark.known_policies import checkpoint_folder
+from benchmark.make_rollout import guidance_field, make_condition
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -181,9 +181,10 @@ def profiled_episode(env: "gymnasium.Env", seed: int) -> Iterator[tuple[str, flo
 
 def rollout_seconds(robot: str, config: EnvironmentSpeedConfig, console: "Console") -> Iterator[dict[str, object]]:
     """Wall time of episodes of the learned policy, without guidance, processes' start included."""
+    from benchmark.known_policies import checkpoint_folder
+    from benchmark.make_rollout import make_rollout
     from benchmark.progress import progress_bar
     from benchmark.rollout import roll_out
-    from benchmark.run import checkpoint_folder, make_rollout
 
     run = RunConfig(robot=RobotConfig(robot), device="cpu")
     rollout = make_rollout(run, 0.0, checkpoint_folder(config.seed), console)
@@ -204,8 +205,9 @@ def sampling(config: EnvironmentSpeedConfig, console: "Console") -> Iterator[lis
     """Milliseconds per chunk of actions, plain and guided on a UR3, for each sampler and each method."""
     import torch
 
+    from benchmark.known_policies import checkpoint_folder
+    from benchmark.make_rollout import make_rollout
     from benchmark.rollout import load_policy
-    from benchmark.run import checkpoint_folder, make_rollout
     from benchmark.scales import FIRST
 
     checkpoint, (first, *_) = checkpoint_folder(config.seed), SAMPLERS

@@ -158,7 +158,8 @@ def log_curves(config: WandbConfig, tables: "Iterable[pd.DataFrame]", group: str
         return
     import pandas as pd
 
-    from benchmark.ranking import ARM, SAMPLING, Protocol, leaderboard
+    from benchmark.arm import ARM
+    from benchmark.ranking import SAMPLING, Protocol, leaderboard
     from benchmark.scores import SCORES
 
     alike = [*ARM, *SAMPLING, "code_version"]

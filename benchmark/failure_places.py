@@ -66,8 +66,8 @@ def main(config: FailurePlacesConfig) -> None:
     from benchmark.build_maps import energy_field
     from benchmark.config import FIRST_TEST_SEED
     from benchmark.feasibility_field import feasibility_field
+    from benchmark.known_policies import shipped
     from benchmark.ranking import PAPER, counted
-    from benchmark.run import shipped
     from benchmark.trusted_rows import read_all_episodes
     from richmap.robots import load_robot
 

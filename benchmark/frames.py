@@ -11,8 +11,10 @@ import numpy as np
 
 from benchmark.command import run_command
 from benchmark.config import SOURCE, RobotConfig, RunConfig
+from benchmark.known_policies import chosen_checkpoint
+from benchmark.make_rollout import make_rollout
 from benchmark.outputs import replacing
-from benchmark.run import chosen_checkpoint, make_rollout, with_scale
+from benchmark.scales import with_scale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

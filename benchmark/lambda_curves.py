@@ -37,8 +37,8 @@ class LambdaCurvesConfig:
 
 def main(config: LambdaCurvesConfig) -> None:
     """Draw what is stored."""
+    from benchmark.known_policies import shipped
     from benchmark.ranking import PAPER, counted, leaderboard
-    from benchmark.run import shipped
     from benchmark.trusted_rows import read_all_episodes
 
     episodes = counted(read_all_episodes(Path(config.output_dir), FIRST_TEST_SEED), PAPER, shipped(config.recipe))

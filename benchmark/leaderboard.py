@@ -30,11 +30,11 @@ class LeaderboardConfig:
 
 def main(config: LeaderboardConfig) -> None:
     """Write LEADERBOARD.md and leaderboard.html from all tables of episodes in `output_dir`."""
+    from benchmark.known_policies import shipped
     from benchmark.leaderboard_page import page
     from benchmark.leaderboard_text import markdown
     from benchmark.oracle_scores import with_oracles
     from benchmark.ranking import PROTOCOLS, counted, leaderboard
-    from benchmark.run import shipped
     from benchmark.trusted_rows import read_all_episodes
 
     folder = Path(config.output_dir)

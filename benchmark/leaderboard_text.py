@@ -4,9 +4,9 @@ from itertools import chain
 
 import pandas as pd
 
-from benchmark.arm import setting_text
+from benchmark.arm import ARM, setting_text
 from benchmark.published import TABLE_3
-from benchmark.ranking import ARM, PAPER, Protocol
+from benchmark.ranking import PAPER, Protocol
 from benchmark.recipe import RECIPES, USUAL
 from benchmark.scores import causes_text, difference_text, with_interval
 

@@ -19,8 +19,10 @@ from typing import TYPE_CHECKING
 
 from benchmark.command import check_setting, run_command
 from benchmark.config import SETTINGS, TASK_ARMS, RobotConfig, RunConfig, check_folder, check_seeds
+from benchmark.known_policies import chosen_checkpoint
+from benchmark.make_rollout import make_rollout
+from benchmark.missing_episodes import run_and_store
 from benchmark.outputs import replacing, store_rows
-from benchmark.run import chosen_checkpoint, make_rollout, run_and_store
 
 if TYPE_CHECKING:
     import pandas as pd

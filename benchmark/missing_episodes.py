@@ -2,12 +2,17 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pandas as pd
 from rich.console import Console
 
+from benchmark.config import RunConfig
 from benchmark.progress import progress_bar
 from benchmark.results import Condition, Episode, episodes_of, read_episodes, store_episodes
+
+if TYPE_CHECKING:
+    from benchmark.rollout import Rollout
 
 
 def run_missing(
@@ -42,3 +47,30 @@ def run_missing(
             store_episodes(folder_of(episodes[0].condition), episodes)
             progress.advance(task, len(episodes))
     return stored()
+
+
+def run_and_store(rollout: "Rollout", config: RunConfig, console: Console) -> pd.DataFrame:
+    """Rows of all episodes of a rollout: the stored ones, and the rest run and stored batch by batch."""
+    condition = rollout.condition
+    name = f"{condition.robot}, {condition.method}, lambda {condition.guidance_scale:g}"
+    (table,) = run_and_store_all([rollout], config, name, console)
+    return table
+
+
+def run_and_store_all(
+    rollouts: "Sequence[Rollout]", config: RunConfig, name: str, console: Console
+) -> list[pd.DataFrame]:
+    """The same for several rollouts, one after another under one progress bar of this name."""
+    from benchmark.field_settings import note_settings
+    from benchmark.rollout import roll_out_all
+
+    output_dir = Path(config.output_dir)
+    note_settings(output_dir, rollouts, config)
+    return run_missing(
+        [rollout.condition for rollout in rollouts],
+        range(config.seed_start, config.seed_start + config.episodes),
+        lambda _: output_dir,
+        lambda missing: roll_out_all(zip(rollouts, missing, strict=True), config.workers),
+        name,
+        console,
+    )

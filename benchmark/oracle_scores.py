@@ -2,8 +2,8 @@
 
 import pandas as pd
 
+from benchmark.arm import ARM
 from benchmark.config import ORACLE_METHODS
-from benchmark.ranking import ARM
 from benchmark.scores import SCORES
 from benchmark.statistics import rate_interval
 

@@ -111,7 +111,7 @@ def main(config: PredictionConfig) -> None:
 def direct_episodes(folder: Path) -> "pd.DataFrame":
     """Stored episodes of direct transfer on test seeds, with their paths, of the usual policies that ship."""
     from benchmark.config import FIRST_TEST_SEED
-    from benchmark.run import shipped
+    from benchmark.known_policies import shipped
     from benchmark.trusted_rows import read_all_episodes
 
     table = read_all_episodes(folder, FIRST_TEST_SEED)

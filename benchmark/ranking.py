@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmark.arm import ARM, of_arm
 from benchmark.command import SettingError
 from benchmark.config import FIRST_TEST_SEED, TASK_ARMS
 
@@ -36,11 +37,10 @@ PAPER = Protocol("paper", ("original",), 50, 10, 9, ("score", "p2"), best_only=F
 STRICT = Protocol("strict", ("embodied", "best"), 500, 50, 3, ("p2", "success_at_end", "p1", "score"), best_only=True)
 PROTOCOLS = (PAPER, STRICT)
 
-ARM = ["setting", "robot", "base", "branch", "self_collision", "joint_limits", "orientation_weight"]
 SAMPLING = ["sampler", "sampling_steps", "batch_shape", "device"]
 GUIDANCE = ["method", "lambda", "field_fingerprint", "cell_size", "entry_hash"]
-"""Columns of the episodes table that rows must share, with their code version, to be counted together, whatever their
-policy."""
+"""Columns of the episodes table that rows must share, with those of their arm and their code version, to be counted
+together, whatever their policy."""
 
 MECHANISM = ("far_target_first", "share_near_base", "share_rectangle_a", "share_rectangle_b", "share_outer_reach")
 """What guidance is said to change: whether the first block goes to the farther target, and where the flange spends its
@@ -87,9 +87,9 @@ def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
 
     rows, ours = [], {*episodes.checkpoint_hash[episodes.entry_hash == ""]}
     episodes = episodes.assign(far_target_first=_far_target_first(episodes), training=_training(episodes))
-    for _, of_arm in episodes.groupby([*ARM, "code_version"]):
-        for _, group in of_arm.groupby([*GUIDANCE, *SAMPLING], dropna=False):
-            rows.append(_row(group, _direct(of_arm, group), protocol, ours) | _to_usual_arm(episodes, group, protocol))
+    for _, on_arm in episodes.groupby([*ARM, "code_version"]):
+        for _, group in on_arm.groupby([*GUIDANCE, *SAMPLING], dropna=False):
+            rows.append(_row(group, _direct(on_arm, group), protocol, ours) | _to_usual_arm(episodes, group, protocol))
     table = pd.DataFrame(rows)
     for score in protocol.scores:
         table[f"{score}_holm"] = table.groupby(["setting", "code_version"])[f"{score}_p"].transform(holm)
@@ -109,16 +109,15 @@ def _training(episodes: "pd.DataFrame") -> "pd.Series":
     return seed.astype(str).where(seed >= 0, episodes.checkpoint_hash)
 
 
-def _direct(of_arm: "pd.DataFrame", group: "pd.DataFrame") -> "pd.DataFrame":
+def _direct(on_arm: "pd.DataFrame", group: "pd.DataFrame") -> "pd.DataFrame":
     """Episodes of direct transfer that a group can be compared with; none for direct transfer itself."""
-    same = (of_arm[SAMPLING] == group[SAMPLING].iloc[0]).all(axis=1)
-    return of_arm[same & (of_arm.method == "direct") & (group.method.iloc[0] != "direct")]
+    same = (on_arm[SAMPLING] == group[SAMPLING].iloc[0]).all(axis=1)
+    return on_arm[same & (on_arm.method == "direct") & (group.method.iloc[0] != "direct")]
 
 
 def _to_usual_arm(episodes: "pd.DataFrame", group: "pd.DataFrame", protocol: Protocol) -> dict[str, float]:
     """Difference of direct transfer on an arm that stands or holds its tool otherwise to that on the arm of the setting
     embodied; NaN for all else."""
-    from benchmark.arm import of_arm
     from benchmark.statistics import clustered_difference, sign_flip_p_value
     from envs.arms import arm_setting
 

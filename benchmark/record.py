@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 
 from benchmark.command import run_command
 from benchmark.config import RunConfig
-from benchmark.run import chosen_checkpoint, make_rollout, with_scale
+from benchmark.known_policies import chosen_checkpoint
+from benchmark.make_rollout import make_rollout
+from benchmark.scales import with_scale
 
 if TYPE_CHECKING:
     import gymnasium

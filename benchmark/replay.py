@@ -16,7 +16,8 @@ from benchmark.checkpoint import GUIDED, Checkpoint
 from benchmark.command import SettingError, check_setting, run_command
 from benchmark.config import ORACLE_METHODS, ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig
 from benchmark.field_settings import noted_settings
-from benchmark.run import CHECKPOINTS, make_rollout
+from benchmark.known_policies import CHECKPOINTS
+from benchmark.make_rollout import make_rollout
 from policies.methods import METHODS
 
 if TYPE_CHECKING:

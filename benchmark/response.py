@@ -105,7 +105,7 @@ def main(config: ResponseConfig) -> None:
     """Measure the responses and the success by denoising steps that are not stored yet; write table and figure."""
     from rich.console import Console
 
-    from benchmark.run import checkpoint_folder
+    from benchmark.known_policies import checkpoint_folder
 
     console, output_dir = Console(), Path(config.output_dir)
     folders = [Path(path) for path in config.policies] or [checkpoint_folder(config.seed)]
@@ -127,8 +127,8 @@ def measure(folders: list[Path], config: ResponseConfig, console: "Console") -> 
     """Rows of all policies and samplers (`response_rows`), on observations of the first one's rollouts with the first
     sampler; those that this code has stored are not measured again."""
     from benchmark.code_version import code_version
+    from benchmark.make_rollout import make_rollout
     from benchmark.rollout import load_policy
-    from benchmark.run import make_rollout
 
     file = Path(config.output_dir) / "response.parquet"
     table = pd.read_parquet(file) if file.exists() else pd.DataFrame()
@@ -234,7 +234,8 @@ def response_rows(policy: "GuidedPushPolicy", observed: Observations) -> pd.Data
 
 def success_by_steps(folder: Path, config: ResponseConfig, console: "Console") -> pd.DataFrame:
     """Episodes of the xArm6 for each number of denoising steps; those that are stored are not run again."""
-    from benchmark.run import make_rollout, run_and_store
+    from benchmark.make_rollout import make_rollout
+    from benchmark.missing_episodes import run_and_store
 
     tables = []
     for sampler, steps in [*(("DDIM", steps) for steps in config.steps), ("DDPM", 100)] if config.episodes else []:

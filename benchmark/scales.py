@@ -112,14 +112,14 @@ class ScalesConfig:
 
 def main(config: ScalesConfig) -> None:
     """Print the budget, roll out every scale that is not stored yet, and write table and figures."""
-    from benchmark.run import checkpoint_folder
+    from benchmark.known_policies import checkpoint_folder
 
     checkpoints = [checkpoint_folder(seed, config.checkpoint, config.recipe) for seed in config.seeds]
     from rich.console import Console
 
     from benchmark.field_sensitivity import demonstrated_path
     from benchmark.guidance_figures import draw_fields, draw_success
-    from benchmark.run import make_rollout
+    from benchmark.make_rollout import make_rollout
     from policies.guidance import make_guidance
 
     console, folder = Console(), config.folder
@@ -192,7 +192,7 @@ def budget(config: ScalesConfig) -> str:
 def method_fields(config: ScalesConfig, console: "Console") -> "dict[str, tuple[EnergyField | None, Path | None]]":
     """The field that each method looks at, and its file; those of one kind are built once."""
     from benchmark.arm import chosen_arm
-    from benchmark.run import guidance_field
+    from benchmark.make_rollout import guidance_field
     from policies.methods import METHODS
 
     run = config.run(config.seeds[0])
@@ -265,6 +265,19 @@ def run_points(
     return {method: mean(p2_of[rollout] for rollout in group) for method, group in points.items()}
 
 
+def with_scale(config: RunConfig) -> RunConfig:
+    """The same settings with the scale that was chosen on validation episodes, if they leave it open.
+
+    Raises:
+        SettingError: If none was chosen.
+    """
+    if config.guidance_scale is not None:
+        return config
+    if config.method == "direct":
+        return replace(config, guidance_scale=0.0)
+    return replace(config, guidance_scale=chosen_scale(config))
+
+
 def chosen_scale(config: RunConfig) -> float:
     """The scale of the settings' method that was chosen for their arm and field, in `config.scales_dir`.
 
@@ -274,7 +287,8 @@ def chosen_scale(config: RunConfig) -> float:
     from rich.console import Console
 
     from benchmark.arm import chosen_arm
-    from benchmark.run import chosen_checkpoint, guidance_field, make_rollout
+    from benchmark.known_policies import chosen_checkpoint
+    from benchmark.make_rollout import guidance_field, make_rollout
 
     console, direct = Console(quiet=True), replace(config, guidance_scale=0.0)
     condition = make_rollout(direct, 0.0, chosen_checkpoint(direct), console).condition

@@ -53,8 +53,8 @@ def main(config: SceneReachConfig) -> None:
     from rich.console import Console
 
     from benchmark.arm import stored_arms
+    from benchmark.known_policies import shipped
     from benchmark.ranking import STRICT, counted
-    from benchmark.run import shipped
     from benchmark.trusted_rows import read_all_episodes
 
     console, folder = Console(), Path(config.episodes)

@@ -10,9 +10,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from benchmark.collect import CollectConfig
 from benchmark.command import SettingError, check_setting, run_command
 from benchmark.config import RobotConfig, RunConfig, WandbConfig, check_folder, check_seeds
+from benchmark.demonstration_recipe import CollectConfig
 from benchmark.outputs import replacing
 from benchmark.recipe import USUAL, check_recipe, policy_name
 from benchmark.train import TrainConfig
@@ -127,7 +127,8 @@ def validate(config: SourcePoliciesConfig, console: "Console") -> "pd.DataFrame"
     """Scores of every candidate on the validation episodes: one row each, with its seed, step, folder and hash."""
     import pandas as pd
 
-    from benchmark.run import make_rollout, run_and_store_all
+    from benchmark.make_rollout import make_rollout
+    from benchmark.missing_episodes import run_and_store_all
 
     run = RunConfig(
         robot=RobotConfig("xarm6"),

@@ -29,11 +29,14 @@ from rich.console import Console
 from benchmark.command import SettingError, typed
 from benchmark.config import SOURCE, RunConfig
 from benchmark.experiment_log import log_curves, log_evaluation, log_field
+from benchmark.known_policies import chosen_checkpoint
+from benchmark.make_rollout import make_rollout
+from benchmark.missing_episodes import run_and_store
 from benchmark.outputs import replacing
 from benchmark.progress import progress_bar
 from benchmark.recipe import policy_name
 from benchmark.results import CONDITION, episodes_of, read_episodes, stored
-from benchmark.run import chosen_checkpoint, make_rollout, run_and_store, with_scale
+from benchmark.scales import with_scale
 
 if TYPE_CHECKING:
     from benchmark.rollout import Rollout

@@ -13,9 +13,10 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from benchmark.collect import CollectConfig, collect, digest
+from benchmark.collect import collect, digest
 from benchmark.command import SettingError, check_setting, run_command
 from benchmark.config import WandbConfig, check_folder
+from benchmark.demonstration_recipe import CollectConfig
 
 if TYPE_CHECKING:
     from accelerate import Accelerator

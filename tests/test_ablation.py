@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from benchmark.ablation import VARIANTS, AblationConfig, budget, checkpoint, markdown, summary, training
-from benchmark.collect import CollectConfig
+from benchmark.demonstration_recipe import CollectConfig
 from policies.configuration_guided_push import GuidedPushConfig
 
 

@@ -23,7 +23,7 @@ from benchmark.arithmetic import arithmetic
 from benchmark.config import RobotConfig, RunConfig
 from benchmark.replay import alone
 from benchmark.results import row_hash
-from benchmark.run import make_rollout
+from benchmark.make_rollout import make_rollout
 
 policy = Path("results/checkpoints/seed42-1")
 rollout = make_rollout(RunConfig(robot=RobotConfig("ur3"), method="projection"), 0.02, policy, Console(quiet=True))

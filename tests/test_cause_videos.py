@@ -10,9 +10,10 @@ from rich.console import Console
 from benchmark.cause_videos import CauseVideosConfig, examples, main, markdown
 from benchmark.command import SettingError
 from benchmark.config import RobotConfig, RunConfig
+from benchmark.known_policies import checkpoint_folder
+from benchmark.make_rollout import make_rollout
 from benchmark.results import OPTIONAL, read_episodes, row_hash, store_episodes
 from benchmark.rollout import play
-from benchmark.run import checkpoint_folder, make_rollout
 from tests.made_up_episodes import CONDITION, episode
 
 SEED = 50_015

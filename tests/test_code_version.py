@@ -15,7 +15,8 @@ from pathlib import Path
 from rich.console import Console
 from benchmark.config import RobotConfig, RunConfig
 from benchmark.rollout import play
-from benchmark.run import checkpoint_folder, make_rollout
+from benchmark.known_policies import checkpoint_folder
+from benchmark.make_rollout import make_rollout
 
 config = RunConfig(robot=RobotConfig("ur3"), method="projection", slots=1, device="cpu")
 rollout = make_rollout(config, 0.01, checkpoint_folder(42), Console(quiet=True))

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
 
-from benchmark.collect import CollectConfig, collect
+from benchmark.collect import collect
 from benchmark.command import SettingError
 from benchmark.demonstration import Demonstration, around_blocks, demonstrate, pack, source_env, unpack
-from benchmark.run import checkpoint_folder
+from benchmark.demonstration_recipe import CollectConfig
+from benchmark.known_policies import checkpoint_folder
 from envs.oracle import Oracle
 from envs.scene import START, Scene
 

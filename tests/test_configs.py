@@ -15,9 +15,9 @@ from benchmark.arms import ArmsConfig
 from benchmark.build_maps import BuildMapsConfig
 from benchmark.capability_map import CapabilityMapConfig
 from benchmark.cause_videos import CauseVideosConfig
-from benchmark.collect import CollectConfig
 from benchmark.config import OracleConfig, RunConfig, VerifyMapsConfig
 from benchmark.dashboard import DashboardConfig
+from benchmark.demonstration_recipe import CollectConfig
 from benchmark.enter import EnterConfig
 from benchmark.environment_speed import EnvironmentSpeedConfig
 from benchmark.failure_places import FailurePlacesConfig

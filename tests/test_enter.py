@@ -14,9 +14,9 @@ from benchmark.command import SettingError
 from benchmark.enter import EnterConfig
 from benchmark.entry import Entry
 from benchmark.guidance_class import GuidanceClass
+from benchmark.known_policies import checkpoint_folder
 from benchmark.ranking import PAPER, STRICT, counted
 from benchmark.results import Episode, read_episodes, row_hash
-from benchmark.run import checkpoint_folder
 from benchmark.trusted_rows import read_trusted
 from envs.outcome import EpisodeOutcome
 from envs.scene import draw_scene

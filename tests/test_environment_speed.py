@@ -13,8 +13,9 @@ from benchmark.environment_speed import (
     timed_episode,
     write,
 )
+from benchmark.known_policies import checkpoint_folder
+from benchmark.make_rollout import make_rollout
 from benchmark.rollout import load_policy
-from benchmark.run import checkpoint_folder, make_rollout
 from envs import ENVIRONMENTS
 
 

@@ -14,10 +14,10 @@ import pytest
 
 from benchmark.config import RobotConfig, RunConfig, WandbConfig
 from benchmark.experiment_log import log_checkpoint, log_curves, log_evaluation, log_field, start_experiment
+from benchmark.known_policies import checkpoint_folder
 from benchmark.replay import alone
 from benchmark.results import Condition
 from benchmark.rollout import Rollout
-from benchmark.run import checkpoint_folder
 from richmap.energy import EnergyField
 from richmap.grid import Grid
 

@@ -5,7 +5,8 @@ from rich.console import Console
 
 from benchmark.config import RobotConfig, RunConfig
 from benchmark.frames import FRAMES, frame_steps, frames_figure, scene_frames
-from benchmark.run import checkpoint_folder, make_rollout
+from benchmark.known_policies import checkpoint_folder
+from benchmark.make_rollout import make_rollout
 
 
 def test_a_row_starts_with_the_scene_and_goes_on():

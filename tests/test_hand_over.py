@@ -11,8 +11,8 @@ from benchmark.command import SettingError
 from benchmark.config import RobotConfig, RunConfig
 from benchmark.entry import Entry
 from benchmark.guidance_class import GuidanceClass
+from benchmark.known_policies import checkpoint_folder
 from benchmark.rollout import play
-from benchmark.run import checkpoint_folder
 from envs.pushing import push
 from policies.feasibility import distance_field
 

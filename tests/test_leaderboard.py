@@ -9,18 +9,18 @@ import pandas as pd
 import pytest
 from omegaconf import OmegaConf
 
-from benchmark import run
-from benchmark.arm import setting_text
+from benchmark import known_policies
+from benchmark.arm import ARM, setting_text
 from benchmark.command import CONF, SettingError
 from benchmark.config import FIRST_TEST_SEED, TASK_ARMS, RunConfig
+from benchmark.known_policies import shipped
 from benchmark.lambda_curves import curves
 from benchmark.leaderboard import LeaderboardConfig, main
 from benchmark.leaderboard_text import beside_the_paper, markdown
 from benchmark.oracle_scores import with_oracles
-from benchmark.ranking import ARM, PAPER, PROTOCOLS, STRICT, counted, leaderboard
+from benchmark.ranking import PAPER, PROTOCOLS, STRICT, counted, leaderboard
 from benchmark.recipe import SHIPPED, USUAL, recipe_folder
 from benchmark.results import read_episodes
-from benchmark.run import shipped
 from benchmark.statistics import holm, paired_p_value
 
 OURS = {f"hash of seed{seed}" for seed in ("42-1", "42-2", "43-1", "44-1")}
@@ -186,7 +186,7 @@ def test_two_policies_of_one_name_are_not_mixed(transfer_episodes):
 
 
 def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(transfer_episodes, tmp_path, monkeypatch):
-    monkeypatch.setattr(run, "shipped", lambda recipe: OURS if recipe == "robust" else {"hash of seed44-1"})
+    monkeypatch.setattr(known_policies, "shipped", lambda recipe: OURS if recipe == "robust" else {"hash of seed44-1"})
     config = dataclasses.replace(LeaderboardConfig(), output_dir=str(tmp_path))
     with pytest.raises(SettingError, match="There are no test episodes"):
         main(config)

@@ -10,10 +10,11 @@ import torch
 from rich.console import Console
 
 from benchmark.config import RobotConfig, RunConfig
+from benchmark.known_policies import checkpoint_folder
 from benchmark.lerobot_agreement import compare, lerobot_eval
+from benchmark.make_rollout import make_rollout
 from benchmark.results import store_episodes
 from benchmark.rollout import play
-from benchmark.run import checkpoint_folder, make_rollout
 from envs import ENVIRONMENTS
 from envs.configuration_guided_push import GuidedPushEnvConfig
 from policies.modeling_guided_push import GuidedPushPolicy

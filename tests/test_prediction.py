@@ -9,6 +9,7 @@ import pytest
 from benchmark import prediction
 from benchmark.arm import arm_columns
 from benchmark.config import SOURCE
+from benchmark.known_policies import shipped
 from benchmark.prediction import (
     TransferFields,
     by_scene,
@@ -21,7 +22,6 @@ from benchmark.prediction import (
     with_source,
 )
 from benchmark.results import read_episodes
-from benchmark.run import shipped
 from envs.arms import arm_setting
 
 FIELDS = TransferFields(

@@ -11,10 +11,11 @@ from benchmark import oracle, replay
 from benchmark.command import SettingError
 from benchmark.config import EnergyConfig, MapConfig, OracleConfig, RobotConfig, RunConfig
 from benchmark.field_settings import note_settings
+from benchmark.known_policies import checkpoint_folder
+from benchmark.make_rollout import make_rollout
 from benchmark.replay import ReplayConfig
 from benchmark.results import COLUMNS, read_episodes, row_hash, store_episodes
 from benchmark.rollout import play
-from benchmark.run import checkpoint_folder, make_rollout
 from benchmark.trusted_rows import read_trusted
 
 CONFIG = RunConfig(robot=RobotConfig("xarm6"), slots=2, device="cpu", method="towards", guidance_scale=0.01)

@@ -13,9 +13,10 @@ from rich.console import Console
 from benchmark.command import SettingError
 from benchmark.config import ArmConfig, RobotConfig, RunConfig
 from benchmark.guidance_class import GuidanceClass
+from benchmark.known_policies import checkpoint_folder
+from benchmark.make_rollout import make_rollout
 from benchmark.results import read_episodes
 from benchmark.rollout import play
-from benchmark.run import checkpoint_folder, make_rollout
 
 ROOT = Path(__file__).parents[1]
 CONFIG = RunConfig(robot=RobotConfig("xarm6"), slots=3, device="cpu")

@@ -11,8 +11,9 @@ from rich.console import Console
 
 from benchmark.command import SettingError
 from benchmark.config import RobotConfig, RunConfig
+from benchmark.known_policies import chosen_checkpoint
+from benchmark.make_rollout import make_rollout
 from benchmark.rollout import play
-from benchmark.run import chosen_checkpoint, make_rollout
 
 CONFIG = RunConfig(robot=RobotConfig("ur3"), slots=2, device="cpu")
 SEEDS = [50_000, 50_001]

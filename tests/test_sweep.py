@@ -28,8 +28,10 @@ from benchmark import command
 from benchmark.build_maps import energy_field
 from benchmark.command import SettingError
 from benchmark.config import ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig
+from benchmark.known_policies import checkpoint_folder
+from benchmark.make_rollout import make_rollout
 from benchmark.results import read_episodes
-from benchmark.run import checkpoint_folder, make_rollout, with_scale
+from benchmark.scales import with_scale
 from benchmark.sweep import RELAUNCHES, failure_file, guides_source, job_name, launch, typed_jobs
 from policies.methods import METHODS
 from richmap.robots import load_robot

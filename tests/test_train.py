@@ -13,11 +13,11 @@ from lerobot.datasets import LeRobotDataset
 from lerobot.policies import make_pre_post_processors
 
 from benchmark.code_version import code_version
-from benchmark.collect import CollectConfig
 from benchmark.command import SettingError
 from benchmark.config import WandbConfig
 from benchmark.demonstration import Demonstration
 from benchmark.demonstration_dataset import write_dataset
+from benchmark.demonstration_recipe import CollectConfig
 from benchmark.demonstration_tensors import DemonstrationTensors, load_demonstrations
 from benchmark.side_by_side import train_all
 from benchmark.train import TrainConfig, train
