@@ -61,6 +61,6 @@ class DenoisingHead(nn.Module):
 
 def _sinusoids(n_levels: int, dim: int) -> Float[Tensor, "levels dim"]:
     """Sine and cosine codes of the noise levels (Vaswani et al., NeurIPS 2017)."""
-    frequency = torch.exp(-math.log(10_000) * torch.arange(dim // 2) / (dim // 2 - 1))
+    frequency = (-math.log(10_000) * torch.arange(dim // 2) / (dim // 2 - 1)).double().exp().float()
     angle = torch.arange(n_levels)[:, None] * frequency  # (levels, dim / 2)
     return torch.cat([angle.sin(), angle.cos()], dim=1)

@@ -115,5 +115,9 @@ def _pair_features(
 
 
 def _scales(offset: Tensor, far: float, *near: float) -> list[Tensor]:
-    """An offset in units of the largest scale, and squashed at the smaller ones."""
-    return [offset / far, *(torch.tanh(offset / scale) for scale in near)]
+    """An offset in units of the largest scale, and squashed at the smaller ones.
+
+    In double precision: single is MKL's, which rounds by the processor's approximate reciprocals (`_sinusoids` and the
+    sampler's square roots likewise).
+    """
+    return [offset / far, *((offset / scale).double().tanh().to(offset) for scale in near)]

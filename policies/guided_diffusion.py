@@ -45,6 +45,9 @@ class GuidedDiffusion(DiffusionModel):
             clip_sample_range=config.clip_sample_range,
             prediction_type=config.prediction_type,
         )
+        # Square roots of single precision are MKL's, which rounds them as the processor's approximate ones come out.
+        for name in ("alphas_cumprod", "final_alpha_cumprod"):
+            setattr(self.noise_scheduler, name, getattr(self.noise_scheduler, name).double())
 
     def _prepare_global_conditioning(self, batch: dict[str, Any]) -> Float[Tensor, "b modulations"]:
         return self.trunk(observation_features(batch[OBS_STATE], batch[OBS_ENV_STATE], self.config.features))

@@ -6,6 +6,14 @@ import subprocess
 import sys
 
 import pytest
+import torch
+from rich.console import Console
+from torch.utils._python_dispatch import TorchDispatchMode
+
+from benchmark.config import RobotConfig, RunConfig
+from benchmark.known_policies import checkpoint_folder
+from benchmark.make_rollout import make_rollout
+from benchmark.rollout import load_policy
 
 pytestmark = pytest.mark.skipif(platform.machine() != "x86_64", reason="The libraries are told how on x86-64 alone.")
 
@@ -13,8 +21,9 @@ WITHOUT_AVX512 = {
     "ATEN_CPU_CAPABILITY": "avx2",
     "ONEDNN_MAX_CPU_ISA": "AVX2",
     "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX512F,-AVX512VL,-AVX512BW",
+    "NPY_DISABLE_CPU_FEATURES": "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL",
 }
-"""Has PyTorch and the C library work as on a processor of before AVX-512."""
+"""Has PyTorch, NumPy and the C library work as on a processor of before AVX-512."""
 
 EPISODE = """
 from pathlib import Path
@@ -52,3 +61,34 @@ def test_an_episode_is_the_same_with_the_instruction_sets_of_an_older_processor(
 def test_what_rounds_otherwise_says_so(otherwise):
     probe = "from benchmark.arithmetic import arithmetic; print(arithmetic())"
     assert said(probe, **otherwise) != said(probe)
+
+
+class Asked(TorchDispatchMode):
+    """Notes which functions of PyTorch are asked for which type of numbers."""
+
+    def __init__(self):
+        super().__init__()
+        self.functions = set()
+
+    def __torch_dispatch__(self, function, types, args=(), kwargs=None):
+        result = function(*args, **(kwargs or {}))
+        if isinstance(result, torch.Tensor):
+            self.functions.add((function.overloadpacket.__name__, result.dtype))
+        return result
+
+
+@pytest.mark.parametrize("sampler", ["DDIM", "DDPM"])
+@pytest.mark.parametrize("method", ["towards", "chunk_feasibility"])
+def test_no_policy_asks_mkl_for_a_function_of_single_precision(sampler, method):
+    """MKL begins some of them from the processor's approximate reciprocals, of which each maker has its own."""
+    config = RunConfig(robot=RobotConfig("ur3"), method=method, slots=2, device="cpu", sampler=sampler)
+    rollout = make_rollout(config, 0.1, checkpoint_folder(42), Console(quiet=True))
+    with Asked() as asked, torch.inference_mode():
+        policy = load_policy(rollout)
+        policy.reset()
+        batch = {"observation.state": torch.ones(2, 4), "observation.environment_state": torch.ones(2, 12)}
+        policy.select_action(batch, noise=torch.ones(2, *policy.noise_shape))
+    assert ("tanh", torch.float64) in asked.functions and ("linear", torch.float32) in asked.functions
+    rounded = {"acos", "asin", "atan", "cosh", "erf", "erfinv", "exp", "expm1", "log", "log10", "log1p", "log2", "pow",
+               "rsqrt", "sinh", "sqrt", "tan", "tanh"}  # fmt: skip
+    assert not asked.functions & {(name, torch.float32) for name in rounded}
