@@ -71,18 +71,20 @@ def main(config: CauseVideosConfig) -> None:
 def examples(failed: "pd.DataFrame", code: str, policies: set[str]) -> "pd.DataFrame":
     """One row for each cause that there is, of this version of the code, of our own methods and of these policies.
 
-    Rows that do not say how their machine rounded come last, since they may not replay on another, and of each kind
-    episodes with fewer denoising steps than the default; direct transfer comes before guidance, the UR3 before the
-    other targets and these before the source; then seeds.
+    Rows that were rounded otherwise than here, or do not say how, come last, since they may not replay, and of each
+    kind episodes with fewer denoising steps than the default; direct transfer comes before guidance, the UR3 before
+    the other targets and these before the source; then seeds.
     """
     ours = failed[(failed.code_version == code) & (failed.entry_hash == "") & failed.checkpoint_hash.isin(policies)]
+    from benchmark.arithmetic import arithmetic
+
     order = ours.assign(
-        rounding_unknown=ours.arithmetic.isna(),
+        rounded_otherwise=ours.arithmetic.fillna("") != arithmetic(),
         rushed=ours.sampling_steps < RunConfig().sampling_steps,
         guided=ours["lambda"] > 0,
         arm=ours.robot.map([*TASK_ARMS[1:], TASK_ARMS[0]].index),
     )
-    order = order.sort_values(["rounding_unknown", "rushed", "guided", "arm", "episode_seed", "row_hash"])
+    order = order.sort_values(["rounded_otherwise", "rushed", "guided", "arm", "episode_seed", "row_hash"])
     return ours.loc[order.groupby("failure_cause", sort=False).head(1).index]
 
 

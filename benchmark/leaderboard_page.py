@@ -11,7 +11,7 @@ from markdown_it import MarkdownIt
 
 from benchmark.arm import setting_text
 from benchmark.config import TASK_ARMS
-from benchmark.leaderboard_text import HOW_TO_READ, MECHANISM_TEXT, PROTOCOL_TEXTS
+from benchmark.leaderboard_text import HOW_TO_READ, MECHANISM_TEXT, PROTOCOL_TEXTS, rounding_text
 from benchmark.published import TABLE_3
 from benchmark.recipe import RECIPES, USUAL
 
@@ -44,7 +44,6 @@ def page(tables: "dict[Protocol, pd.DataFrame]", figures: Path, recipe: str = US
     ]
     versions = sorted({row["code_version"] for row in rows})
     commits = sorted({commit for row in rows for commit in row["commits"]})
-    episodes, rounding_unknown = sum(row["n"] for row in rows), sum(row["rounding_unknown"] for row in rows)
     data = {
         "rows": rows,
         "protocols": {
@@ -53,9 +52,9 @@ def page(tables: "dict[Protocol, pd.DataFrame]", figures: Path, recipe: str = US
         },
         "published": {robot: asdict(published) for robot, published in TABLE_3.items()},
         "pictures": pictures(figures),
-        "about": f"{episodes:,} episodes on test seeds from 100000 on, of which {rounding_unknown:,} do not say how "
-        f"they were rounded; code version {', '.join(versions)}; commit {', '.join(commits)}. Policies learned from "
-        f"{RECIPES[recipe]}.",
+        "about": f"{sum(row['n'] for row in rows):,} episodes on test seeds from 100000 on; rounded as "
+        f"{rounding_text(row['rounded_as'] for row in rows)}; code version {', '.join(versions)}; commit "
+        f"{', '.join(commits)}. Policies learned from {RECIPES[recipe]}.",
     }
     prose = {name: MarkdownIt().render(text) for name, text in TEXTS.items()}
     filled = prose | {"data": json.dumps(data).replace("<", "\\u003c")}

@@ -1,5 +1,7 @@
 """The leaderboard as a document."""
 
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from itertools import chain
 
 import pandas as pd
@@ -38,8 +40,9 @@ HOW_TO_READ = """- **Episodes**: test seeds from 100000 on, by which nothing was
   learned so, or by entries, which stand beside the usual policies. Other code versions have sections, and Holm
   families, of their own; those that were shown to give the same episodes go by one name (`ALIKE` in
   `benchmark/code_version.py`, which says how it was shown).
-- **Rounding**: rows of before 23 November 2026 do not say how their processor rounded; each arm tells how many of its
-  rows do not. Paired with rows of another processor, they share policy, scene and noise, but not the last digits.
+- **Rounded as** which `arithmetic` the last digits were: rows of the present code's replay on every x86-64 processor
+  with AVX2, others by the code of their commit on processors like theirs; rows of before 23 November 2026 do not say.
+  Rows that are rounded otherwise share policy, scene and noise when they are paired, but not the last digits.
 """
 
 PROTOCOL_TEXTS = {
@@ -122,12 +125,17 @@ def arm_text(rows: pd.DataFrame) -> str:
     may_bind = {"self-collision": first.self_collision, "joint limits": first.joint_limits}
     binding = " and ".join(name for name, binds in may_bind.items() if binds) or "nothing"
     oracles = [f"{role}: {oracle_text(first[role])}" for role in ("reference", "ceiling")]
-    rounding_unknown = f" Of {rows.n.sum():,} rows {rows.rounding_unknown.sum():,} do not say how they were rounded."
     return (
         f"Base {first.base} m, wrist {first.branch}, {binding} binding; code {first.code_version}, commit "
-        f"{', '.join(sorted({*chain(*rows.commits)}))}. p2 of the {'; of the '.join(oracles)}."
-        f"{rounding_unknown if rows.rounding_unknown.any() else ''}"
+        f"{', '.join(sorted({*chain(*rows.commits)}))}; rounded as {rounding_text(rows.rounded_as)}. p2 of the "
+        f"{'; of the '.join(oracles)}."
     )
+
+
+def rounding_text(counts: Iterable[Mapping[str, int]]) -> str:
+    """How many rows were rounded in which way, the most frequent first."""
+    total = sum(map(Counter, counts), Counter())
+    return ", ".join(f"{arithmetic} ({rows:,})" for arithmetic, rows in total.most_common())
 
 
 def oracle_text(measured: dict | None) -> str:

@@ -153,7 +153,7 @@ def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol, ours
         "entry": bool(first.entry_hash),
         "commits": sorted(group.commit.unique()),
         "n": len(group),
-        "rounding_unknown": int(group.arithmetic.isna().sum()),
+        "rounded_as": group.arithmetic.fillna("unknown").value_counts().to_dict(),
         "episodes": group.episode_seed.nunique(),
         "complete": len(group) == protocol.episodes * policies,
         "trainings": group.training.nunique(),

@@ -103,7 +103,7 @@ def main(config: ReplayConfig) -> None:
     if missing == len(rows):
         sys.exit(1)
     if not equal:
-        print("Not bit-equal. A row replays to the last bit wherever products are rounded as where it was stored.")
+        print("Not bit-equal. A row replays to the last bit wherever numbers are rounded as where it was stored.")
         sys.exit(1)
 
 
@@ -161,7 +161,7 @@ def _apart(stored: Any, replayed: Any) -> str:
 
 
 def stored_otherwise(row: Mapping[str, Any]) -> str:
-    """What there is to say about how products were rounded where a row was stored; empty if as they are here."""
+    """What there is to say about how numbers were rounded where a row was stored; empty if as they are here."""
     from benchmark.arithmetic import arithmetic
     from benchmark.results import plain
 
@@ -171,8 +171,9 @@ def stored_otherwise(row: Mapping[str, Any]) -> str:
     if how is None:
         return "The row was stored before rows said how their machine rounds, which differed between machines."
     return (
-        f"The row was stored where products are rounded otherwise: arithmetic={how}, here {here}. On x86-64 processors "
-        "with AVX2 it is the same unless MKL_CBWR or OPENBLAS_CORETYPE is set, or NumPy is loaded before benchmark."
+        f"The row was stored where, or by code by which, numbers are rounded otherwise: arithmetic={how}, here {here}. "
+        "It is the same on all x86-64 processors with AVX2, unless MKL_CBWR or OPENBLAS_CORETYPE is set, or NumPy is "
+        f"loaded before benchmark, or the code is another: the row's is that of commit {row['commit'] or 'unknown'}."
     )
 
 

@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
+from benchmark.arithmetic import arithmetic
 from benchmark.cause_videos import CauseVideosConfig, examples, main, markdown
 from benchmark.command import SettingError
 from benchmark.config import RobotConfig, RunConfig
@@ -73,8 +74,9 @@ def test_what_replays_everywhere_comes_first_then_direct_transfer_on_target_arms
             row(9, "dithering", robot="ur10"),
             row(4, "dithering", robot="ur3", sampling_steps=1),
             row(3, "time_out", **guided),
-            row(6, "pushed_through", arithmetic="here", **guided),
+            row(6, "pushed_through", arithmetic=arithmetic(), **guided),
             row(5, "pushed_through", robot="ur3"),
+            row(4, "pushed_through", robot="ur3", arithmetic="0badf00d"),
             row(0, "time_out", code_version="v0"),
             row(0, "time_out", entry_hash="abc"),
             row(0, "time_out", checkpoint_hash="of a policy that is not here"),
