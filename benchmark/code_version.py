@@ -22,7 +22,8 @@ change no episode, all rows drawn at random replayed to the last bit (`python -m
 table=results/transfer/robust random=60 seed=10`, and `table=results/methods/robust/ur3-embodied/reorder random=40
 seed=11`; descriptions of the arms that come as MJCF rounded: `table=results/scales/robust/ur3-best random=40 seed=12`;
 then more files and packages came under the version). The last moved single-precision functions of the policies to
-double: it changes the last bits, as another processor did before, which `arithmetic` tells, and no more than that."""
+double, which changes last bits, as another processor did before, and so `arithmetic`: of the UR3's 4,950 episodes of
+`experiment=transfer` 4.1 % then had another p2 on one machine, and 4.6 % had by the code of before on two machines."""
 
 
 @cache
