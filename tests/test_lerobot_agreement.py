@@ -19,7 +19,7 @@ from envs import ENVIRONMENTS
 from envs.configuration_guided_push import GuidedPushEnvConfig
 from policies.modeling_guided_push import GuidedPushPolicy
 
-FIRST = 50_014  # Of three episodes, even as rows are. In the second a block starts where no UR3 gets behind it, at 0.585 m.
+FIRST = 50_014  # Of three episodes, even as rows are. In the second a block starts 0.585 m away: no UR3 gets behind it.
 
 
 @pytest.fixture(scope="module")
