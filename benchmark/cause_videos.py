@@ -75,9 +75,9 @@ def examples(failed: "pd.DataFrame", code: str, policies: set[str]) -> "pd.DataF
     kind episodes with fewer denoising steps than the default; direct transfer comes before guidance, the UR3 before
     the other targets and these before the source; then seeds.
     """
-    ours = failed[(failed.code_version == code) & (failed.entry_hash == "") & failed.checkpoint_hash.isin(policies)]
     from benchmark.arithmetic import arithmetic
 
+    ours = failed[(failed.code_version == code) & (failed.entry_hash == "") & failed.checkpoint_hash.isin(policies)]
     order = ours.assign(
         rounded_otherwise=ours.arithmetic.fillna("") != arithmetic(),
         rushed=ours.sampling_steps < RunConfig().sampling_steps,

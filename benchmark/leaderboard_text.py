@@ -40,7 +40,7 @@ HOW_TO_READ = """- **Episodes**: test seeds from 100000 on, by which nothing was
   learned so, or by entries, which stand beside the usual policies. Other code versions have sections, and Holm
   families, of their own; those that were shown to give the same episodes go by one name (`ALIKE` in
   `benchmark/code_version.py`, which says how it was shown).
-- **Rounded as** which `arithmetic` the last digits were: rows of the present code's replay on every x86-64 processor
+- **Rounded as** which `arithmetic` the last digits were: rows of the present code should replay on any x86-64 processor
   with AVX2, others by the code of their commit on processors like theirs; rows of before 23 November 2026 do not say.
   Rows that are rounded otherwise share policy, scene and noise when they are paired, but not the last digits.
 """

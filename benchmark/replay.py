@@ -172,7 +172,7 @@ def stored_otherwise(row: Mapping[str, Any]) -> str:
         return "The row was stored before rows said how their machine rounds, which differed between machines."
     return (
         f"The row was stored where, or by code by which, numbers are rounded otherwise: arithmetic={how}, here {here}. "
-        "It is the same on all x86-64 processors with AVX2, unless MKL_CBWR or OPENBLAS_CORETYPE is set, or NumPy is "
+        "It should be the same on any x86-64 processor with AVX2 unless MKL_CBWR or OPENBLAS_CORETYPE is set, NumPy is "
         f"loaded before benchmark, or the code is another: the row's is that of commit {row['commit'] or 'unknown'}."
     )
 
