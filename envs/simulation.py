@@ -9,6 +9,7 @@ from jaxtyping import Float
 from robosuite.environments.manipulation.manipulation_env import ManipulationEnv
 from robosuite.models.tasks import ManipulationTask
 
+from envs.collision_bounds import tighten_bounds
 from envs.robot_model import register_arm
 from envs.scene import Scene
 from envs.table import ARM_BIT, BLOCK_EDGE, SCENE_BIT, Table, make_block
@@ -108,6 +109,7 @@ class BlockPushSimulation(ManipulationEnv):
         self.mj_model: mujoco.MjModel = self.sim.model._model
         self.mj_data: mujoco.MjData = self.sim.data._data
         model = self.mj_model
+        tighten_bounds(model)
         prefix = self.robots[0].robot_model.naming_prefix
         self.joints = np.array([model.joint(j).qposadr[0] for j in self.robots[0].robot_model.joints])
         self.flange = model.body(f"{prefix}right_hand").id
