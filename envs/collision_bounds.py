@@ -1,7 +1,7 @@
 """Bounds of convex parts as close as their vertices allow: fewer pairs of parts are then looked at closely.
 
-MuJoCo bounds a mesh by the sphere around its box, and in a body's tree of boxes by the box around its turned box. Bounds
-only decide which pairs its narrow phase looks at, and what is left out does not touch: no contact changes, in no bit.
+MuJoCo bounds a mesh by the sphere around its box, and in a body's tree by the box around its turned box. Bounds decide
+only which pairs its narrow phase looks at, and what they leave out does not touch: no contact changes, in no bit.
 """
 
 import mujoco
