@@ -43,7 +43,7 @@ class ReplayConfig:
     number: int = -1
     """The row's number in the table, from 0, instead; -1 for none."""
     random: int = 0
-    """How many rows, drawn at random, instead of one; a whole number >= 0."""
+    """How many rows instead, drawn at random from those that were rounded as here; a whole number >= 0."""
     seed: int = 0
     """Seed of the draw; a whole number >= 0."""
     policy: str = ""
@@ -134,13 +134,34 @@ def chosen_rows(config: ReplayConfig) -> "pd.DataFrame":
     elif config.number >= 0:
         rows = table.iloc[config.number : config.number + 1]
     else:
-        rows = table.sample(min(config.random, len(table)), random_state=config.seed).sort_values("checkpoint")
+        rows = drawn_rows(table, config).sort_values("checkpoint")
     if rows.empty:
         raise SettingError(
             f"table={path} has no row {config.row or config.number}: it has {len(table)} rows, such as number=0, "
             f"row={table.row_hash.iloc[0]}."
         )
     return rows
+
+
+def drawn_rows(table: "pd.DataFrame", config: ReplayConfig) -> "pd.DataFrame":
+    """Rows drawn at random from those that were rounded as here; says how many others there are.
+
+    Raises:
+        SettingError: If all were rounded otherwise.
+    """
+    from benchmark.arithmetic import arithmetic
+
+    here = table[table.arithmetic.eq(arithmetic()).fillna(False)] if "arithmetic" in table else table[:0]
+    if here.empty:
+        raise SettingError(
+            f"table={config.table} has no row that was rounded as here (arithmetic={arithmetic()}), so that none need "
+            f"come out alike. One of its {len(table):,} rows all the same: row={table.row_hash.iloc[0]}"
+        )
+    if len(here) < len(table):
+        print(
+            f"Drawn from the {len(here):,} of {len(table):,} rows that were rounded as here, arithmetic={arithmetic()}."
+        )
+    return here.sample(min(config.random, len(here)), random_state=config.seed)
 
 
 def differences(row: Mapping[str, Any], episode: "Episode") -> dict[str, tuple[Any, Any]]:

@@ -1,7 +1,5 @@
 """What several test modules need. Loaded before shapes are checked, so it imports richmap inside of functions."""
 
-import benchmark  # noqa: F401, I001  First, so that NumPy rounds in the tests as in the processes that they start.
-
 import functools
 import json
 

@@ -10,6 +10,7 @@ import torch
 from rich.console import Console
 from torch.utils._python_dispatch import TorchDispatchMode
 
+from benchmark.arithmetic import arithmetic
 from benchmark.config import RobotConfig, RunConfig
 from benchmark.known_policies import checkpoint_folder
 from benchmark.make_rollout import make_rollout
@@ -48,6 +49,10 @@ def said(program, **environment):
         [sys.executable, "-c", program], env=free | environment, capture_output=True, text=True, check=True
     )
     return done.stdout.split()[-4:]
+
+
+def test_the_tests_round_as_the_processes_that_they_start():
+    assert said("from benchmark.arithmetic import arithmetic; print(arithmetic())") == [arithmetic()]
 
 
 def test_an_episode_is_the_same_with_the_instruction_sets_of_an_older_processor():

@@ -112,6 +112,18 @@ def test_of_a_row_that_was_rounded_otherwise_it_is_said(stored, tmp_path, capsys
     assert said in " ".join(capsys.readouterr().out.split())
 
 
+def test_only_rows_that_were_rounded_as_here_are_drawn(stored, tmp_path, capsys):
+    changed(stored, tmp_path, number=0, arithmetic="0badf00d")
+    rows = replay.chosen_rows(ReplayConfig(table=str(tmp_path), random=5))
+    assert rows.episode_seed.tolist() == [50_001]
+    assert "Drawn from the 1 of 2 rows that were rounded as here" in capsys.readouterr().out
+    read_episodes(tmp_path)[:1].to_parquet(tmp_path / "episodes.parquet")
+    for table in (tmp_path / "episodes.parquet", tmp_path / "older.parquet"):
+        read_episodes(tmp_path).drop(columns="arithmetic").to_parquet(tmp_path / "older.parquet")
+        with pytest.raises(SettingError, match="has no row that was rounded as here .* its 1 rows all the same: row="):
+            replay.chosen_rows(ReplayConfig(table=str(table), random=1))
+
+
 def test_an_oracles_row_replays_too(tmp_path, capsys):
     config = OracleConfig(RobotConfig("ur3"), oracle="aware", episodes=2, output_dir=str(tmp_path), workers=1)
     oracle.main(config)
