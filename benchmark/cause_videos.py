@@ -46,7 +46,9 @@ def main(config: CauseVideosConfig) -> None:
 
     console, output_dir = Console(), Path(config.output_dir)
     files = sorted(Path(config.episodes).rglob("episodes.parquet"))
-    tables = [table.assign(arithmetic=table.get("arithmetic")) for file in files if len(table := read_trusted(file))]
+    tables = [table for file in files if len(table := read_trusted(file))]
+    unknown = pd.Series(dtype="string")  # Of a table of before rows said how they were rounded.
+    tables = [table.assign(arithmetic=table.get("arithmetic", unknown)) for table in tables]
     failed = pd.concat([table[table.failure_cause.notna()] for table in tables], ignore_index=True) if tables else []
     failed = failed[~failed.method.isin(ORACLE_METHODS.values())] if len(failed) else failed
     if not len(failed):

@@ -60,10 +60,10 @@ def frame_steps() -> np.ndarray:
 
 def scene_frames(rollout: "Rollout", seed: int) -> list[np.ndarray]:
     """Pictures at regular times of one episode; of one that ended before, the last it has."""
-    from benchmark.rollout import play
+    from benchmark.replay import alone
 
     pictures: list[np.ndarray] = []
-    play(rollout, [seed], watch=lambda env: pictures.append(env.render()))
+    alone(rollout, seed, watch=lambda env: pictures.append(env.render()))
     return [pictures[min(step, len(pictures) - 1)] for step in frame_steps()]
 
 

@@ -46,7 +46,7 @@ def record(rollout: "Rollout", seed: int, file: Path) -> "Episode":
     """Play one episode and write it as a GIF."""
     import imageio.v3 as imageio
 
-    from benchmark.rollout import play
+    from benchmark.replay import alone
 
     frames, shown = [], cycle([True, False])
 
@@ -54,7 +54,7 @@ def record(rollout: "Rollout", seed: int, file: Path) -> "Episode":
         if next(shown):
             frames.append(env.render()[::2, ::2])
 
-    (episode,) = play(rollout, [seed], watch)
+    episode = alone(rollout, seed, watch)
     imageio.imwrite(file, frames, duration=2000 / FRAMES_PER_SECOND, loop=0)
     return episode
 

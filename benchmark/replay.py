@@ -5,7 +5,7 @@ python -m benchmark.replay table=results/entries/mine entry=mine random=20
 """
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import zip_longest
@@ -21,6 +21,7 @@ from benchmark.make_rollout import make_rollout
 from policies.methods import METHODS
 
 if TYPE_CHECKING:
+    import gymnasium
     import pandas as pd
     from rich.console import Console
 
@@ -209,14 +210,14 @@ def again(row: Mapping[str, Any], config: ReplayConfig, console: "Console") -> "
     return alone(row_rollout(row, config, console), row["episode_seed"])
 
 
-def alone(rollout: "Rollout", seed: int) -> "Episode":
-    """An episode, rolled out without others in its batch."""
+def alone(rollout: "Rollout", seed: int, watch: "Callable[[gymnasium.Env], None] | None" = None) -> "Episode":
+    """An episode, rolled out without others in its batch; `watch` as in `benchmark.rollout.play`."""
     import torch
 
     from benchmark.rollout import play
 
-    torch.set_num_threads(1)  # As in a rollout's worker process.
-    (episode,) = play(rollout, [seed])
+    torch.set_num_threads(1)  # As in a rollout's worker process; two threads round otherwise.
+    (episode,) = play(rollout, [seed], watch)
     return episode
 
 
