@@ -176,7 +176,7 @@ def test_a_changed_entry_is_run_again_and_nothing_else(entry, entered, tmp_path,
         row |= {"path_x": tuple(row["path_x"].tolist()), "path_y": tuple(row["path_y"].tolist())}
         outcomes[row["episode_seed"]] = EpisodeOutcome(**{n: None if row[n] is pd.NA else row[n] for n in names})
 
-    def play(rolled, seeds):
+    def play(rolled, seeds, watch=None):
         ran.extend(seeds)
         return [Episode(rolled.condition, seed, seed % 3, outcomes[seed]) for seed in seeds]
 
