@@ -12,6 +12,9 @@ from benchmark.command import SettingError
 GUIDED = "guided_push"
 """LeRobot's name of our type of policy."""
 
+WHERE = ("device", "pretrained_path", "push_to_hub", "repo_id", "private", "tags", "license")
+"""What a config.json says of where a policy runs, comes from and goes to."""
+
 
 @dataclass(frozen=True)
 class Checkpoint:
@@ -47,16 +50,26 @@ class Checkpoint:
         return self._config["type"]
 
     @property
-    def weights_hash(self) -> str:
-        """SHA-256 of the weights."""
-        file = self.folder / "model.safetensors"
-        return _sha256(file, file.stat().st_mtime_ns)
+    def policy_hash(self) -> str:
+        """SHA-256 of the weights; where more decides its actions, over that as well.
+
+        That is a setting that it was not trained with, such as another `n_action_steps` written into its config.json,
+        and the statistics that its processors normalize by, if they are not among the weights.
+        """
+        weights, *processors = [self.folder / "model.safetensors", *sorted(self.folder.glob("policy_*.safetensors"))]
+        trained = self._training.get("policy", {})
+        decides = {name: value for name, value in self._config.items() if name not in WHERE}
+        changed = {name: value for name, value in decides.items() if trained.get(name, ...) != value}
+        digest = _sha256(weights, weights.stat().st_mtime_ns)
+        if not (changed or processors):
+            return digest
+        parts = [digest, *(_sha256(file, file.stat().st_mtime_ns) for file in processors), changed]
+        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
     @property
     def training_seed(self) -> int:
         """What it was trained with; -1 if it does not say."""
-        file = self.folder / "train_config.json"
-        seed = json.loads(file.read_text())["seed"] if file.exists() else None
+        seed = self._training.get("seed")
         return -1 if seed is None else seed
 
     @property
@@ -68,6 +81,11 @@ class Checkpoint:
     @cached_property
     def _config(self) -> dict[str, Any]:
         return json.loads((self.folder / "config.json").read_text())
+
+    @cached_property
+    def _training(self) -> dict[str, Any]:
+        file = self.folder / "train_config.json"
+        return json.loads(file.read_text()) if file.exists() else {}
 
 
 @cache

@@ -56,5 +56,5 @@ class CollectConfig:
         """What decides the data: everything but where they are stored and how many processes work."""
         values = {key: value for key, value in asdict(self).items() if key not in ("output_dir", "workers")}
         if self.driver:
-            values["driver"] = Checkpoint(Path(self.driver)).weights_hash
+            values["driver"] = Checkpoint(Path(self.driver)).policy_hash
         return values

@@ -211,8 +211,8 @@ def _checkpoint(folder: Path) -> "wandb.Artifact":
     import wandb
 
     checkpoint = Checkpoint(folder)
-    name = f"{checkpoint.name.replace('/', '-')}-{checkpoint.weights_hash[:12]}"
-    artifact = wandb.Artifact(name, type="model", metadata={"weights_hash": checkpoint.weights_hash})
+    name = f"{checkpoint.name.replace('/', '-')}-{checkpoint.policy_hash[:12]}"
+    artifact = wandb.Artifact(name, type="model", metadata={"policy_hash": checkpoint.policy_hash})
     artifact.add_dir(str(folder.resolve()), policy="immutable", skip_cache=True)
     return artifact
 

@@ -67,14 +67,13 @@ def main(config: FailurePlacesConfig) -> None:
     from benchmark.config import FIRST_TEST_SEED
     from benchmark.feasibility_field import feasibility_field
     from benchmark.known_policies import shipped
-    from benchmark.ranking import PAPER, counted
+    from benchmark.ranking import PAPER, counted, counted_by_any
     from benchmark.trusted_rows import read_all_episodes
     from richmap.robots import load_robot
 
     console, output_dir = Console(), Path(config.output_dir)
-    episodes, tables, curves, drawn = read_all_episodes(Path(config.episodes), FIRST_TEST_SEED), [], [], []
-    if len(episodes):
-        episodes = episodes[episodes.checkpoint_hash.isin(shipped())]
+    episodes = counted_by_any(read_all_episodes(Path(config.episodes), FIRST_TEST_SEED), shipped())
+    tables, curves, drawn = [], [], []
     for arm in stored_arms(episodes, config.robots, config.settings):
         rows = of_arm(episodes, arm)
         about = {"robot": arm.robot, "setting": setting_text(arm_columns(arm))}
@@ -86,7 +85,7 @@ def main(config: FailurePlacesConfig) -> None:
         curve = counted(rows[rows.method.isin(["direct", "paper"])], PAPER, shipped())
         if curve["lambda"].nunique() > 1:
             scaled = ends_of(curve, arm, energy, distance).assign(scale=curve["lambda"].to_numpy())
-            curves.append(by_scale(scaled).assign(**about))
+            curves.append(along_scale(scaled).assign(**about))
     if not drawn:
         raise SettingError(
             f"{config.episodes} holds no episodes of direct transfer on test seeds of {', '.join(config.robots)}. "
@@ -114,28 +113,35 @@ def ends_of(
     Returns:
         A row per episode: its cause; `x`, `y` and the distance `radius` from the base's axis, in [m]; whether that is
         at the `border`; there the energy, the length `slope` of its gradient in the plane and how guidance pushes
-        `outward`, -∂E/∂R, both in [1/m].
+        `outward`, -∂E/∂R, both in [1/m]; and the least distance from the base's axis of the whole episode, `nearest`,
+        and the push outward there, `outward_nearest`.
     """
     import pandas as pd
 
     from envs.arms import HEIGHT
 
-    paths = (episodes.path_x, episodes.path_y)
-    xy = np.stack([[np.mean(path[-LAST:]) / 1000 for path in coordinate] for coordinate in paths], axis=-1)
-    flange = np.column_stack([xy, np.full(len(xy), HEIGHT)])
+    def outward(xy: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+        from_base = xy - np.array(arm.base[:2])
+        return -(gradient[:, :2] * from_base).sum(1) / np.linalg.norm(from_base, axis=1)
+
+    paths = [np.column_stack([x, y]) / 1000 for x, y in zip(episodes.path_x, episodes.path_y, strict=True)]
+    radii = [np.linalg.norm(path - np.array(arm.base[:2]), axis=1) for path in paths]
+    xy = np.array([path[-LAST:].mean(axis=0) for path in paths])
+    nearest = np.array([path[radius.argmin()] for path, radius in zip(paths, radii, strict=True)])
+    flange = np.insert(xy, 2, HEIGHT, axis=1)
     value, gradient = energy.value_and_gradient(flange)
-    from_base = xy - np.array(arm.base[:2])
-    radius = np.linalg.norm(from_base, axis=1)
     return pd.DataFrame(
         {
             "cause": episodes.failure_cause.fillna(PLACED).to_numpy(dtype=object),
             "x": xy[:, 0],
             "y": xy[:, 1],
-            "radius": radius,
+            "radius": np.linalg.norm(xy - np.array(arm.base[:2]), axis=1),
             "border": distance.value_and_gradient(flange)[0] > -AT_BORDER,
             "energy": value,
             "slope": np.linalg.norm(gradient[:, :2], axis=1),
-            "outward": -(gradient[:, :2] * from_base).sum(1) / radius,
+            "outward": outward(xy, gradient),
+            "nearest": [radius.min() for radius in radii],
+            "outward_nearest": outward(nearest, energy.gradient(np.insert(nearest, 2, HEIGHT, axis=1))),
         }
     )
 
@@ -151,14 +157,14 @@ def by_cause(ends: "pd.DataFrame") -> "pd.DataFrame":
     for cause in [*order, *([PLACED] if (ends.cause == PLACED).any() else [])]:
         group = ends[ends.cause == cause]
         row = {"cause": cause, "n": len(group), "border": group.border.sum(), "flat": (group.slope < FLAT).mean()}
-        for name in ("radius", "energy", "slope", "outward"):
+        for name in ("radius", "energy", "slope", "outward", "nearest", "outward_nearest"):
             low, row[name], high = np.quantile(group[name], [0.1, 0.5, 0.9])
             row |= {f"{name}_low": low, f"{name}_high": high}
         rows.append(row)
     return pd.DataFrame(rows)
 
 
-def by_scale(ends: "pd.DataFrame") -> "pd.DataFrame":
+def along_scale(ends: "pd.DataFrame") -> "pd.DataFrame":
     """For each λ: episodes, those that failed, those of them that end at the border, and failures by cause."""
     import pandas as pd
 
@@ -176,9 +182,10 @@ Made by `python -m benchmark.failure_places` from the stored episodes of direct 
 flange is in an episode's last second, and what the energy's slope is there. Medians, in brackets the tenth and the
 ninetieth percentile of the episodes. *R*: distance from the base's axis. *Outward*: how λ∇E pushes along it, -∂E/∂R;
 below 0 it pulls inward. *Flat*: share of the episodes that end where the slope is below {flat:g} per metre, so that
-guidance does nothing. *At the border*: how many end no farther than {border:g} m inside of what the arm can hold, or
-beyond it. A cause says what came first (`envs/failure.py`): a policy that stands still before a block is `dithering`
-also where the arm could not reach behind that block.
+guidance does nothing. *Nearest R*: the least of the whole episode, and the push outward there; what an arm runs into
+near its base it may leave again before the episode ends. *At the border*: how many end no farther than {border:g} m
+inside of what the arm can hold, or beyond it. A cause says what came first (`envs/failure.py`): a policy that stands
+still before a block is `dithering` also where the arm could not reach behind that block.
 
 {table}
 {curves}
@@ -214,6 +221,8 @@ def markdown(table: "pd.DataFrame", curves: "list[pd.DataFrame]") -> str:
             "E": spread("energy", ".3f"),
             "slope [1/m]": spread("slope", ".3f"),
             "outward [1/m]": spread("outward", "+.3f"),
+            "nearest R [m]": spread("nearest", ".3f"),
+            "outward there [1/m]": spread("outward_nearest", "+.3f"),
             "flat [%]": (100 * table.flat).map("{:.0f}".format),
         }
     )
@@ -252,9 +261,8 @@ def places_figure(drawn: "list[tuple[ArmSetting, EnergyField, pd.DataFrame]]") -
     colours = dict(zip(CAUSES, _COLOURS, strict=True))
     for ax, (arm, energy, ends) in zip(panels, drawn, strict=False):
         points, slope = slope_over_table(energy, HEIGHT)
-        value = energy.value_and_gradient(
-            np.concatenate([points, np.full((*points.shape[:2], 1), HEIGHT)], -1).reshape(-1, 3)
-        )[0].reshape(points.shape[:2])
+        flange = np.insert(points, 2, HEIGHT, axis=-1).reshape(-1, 3)
+        value = energy.value_and_gradient(flange)[0].reshape(points.shape[:2])
         mesh = ax.pcolormesh(*points.T, value.T, cmap="Greys_r", vmin=0, rasterized=True)
         every = (slice(None, None, 6),) * 2
         pushed = np.where(np.linalg.norm(slope, axis=-1, keepdims=True) > FLAT, -slope, np.nan)[every]

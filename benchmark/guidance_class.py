@@ -2,6 +2,7 @@
 
 import importlib.util
 import inspect
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,8 +40,12 @@ class GuidanceClass:
 
         if not self.file.is_file():
             raise SettingError(f"There is no {self.file}, which should hold the guidance {self.name}.")
+        folder = str(self.file.parent.resolve())
+        if folder not in sys.path:
+            sys.path.append(folder)  # It may import what lies beside it.
         spec = importlib.util.spec_from_file_location(f"guidance_{self.file.stem}", self.file)
         module = importlib.util.module_from_spec(spec)
+        sys.modules[spec.name] = module  # Dataclasses look their module up there.
         spec.loader.exec_module(module)
         found = getattr(module, self.name, None)
         if not inspect.isclass(found) or not issubclass(found, Guidance):

@@ -56,5 +56,5 @@ def policies_in(folder: Path, recipe: str) -> list[Path]:
 
 
 def shipped(recipe: str = USUAL) -> set[str]:
-    """Hashes of the weights of a recipe's policies that ship with the project."""
-    return {Checkpoint(folder).weights_hash for folder in policies_in(CHECKPOINTS[0], recipe)}
+    """Hashes of a recipe's policies that ship with the project."""
+    return {Checkpoint(folder).policy_hash for folder in policies_in(CHECKPOINTS[0], recipe)}

@@ -28,9 +28,10 @@ HOW_TO_READ = """- **Episodes**: test seeds from 100000 on, by which nothing was
   seeds (Owen & Eckles 2012), with Student's t since trainings are few. With one training they are for other episodes
   alone. With few episodes they are wide also where all agree, since other scenes may be harder. Those of single
   policies and of oracles are Wilson's.
-- **Difference** is that to direct transfer, same policies, same episodes, in points. Its interval is for other
-  trainings as well. Its p is for these trainings alone: of flips of the sign of whole episodes, which for one training
-  and a rate is the exact McNemar test; *Holm* is adjusted for all arms, methods and scales of the protocol's setting.
+- **Difference** is that to direct transfer, same policies, same episodes, in points; of an entry with a policy of its
+  own, that to each of ours. Its interval is for other trainings as well. Its p is for these trainings alone: of all
+  flips of the sign of whole episodes, which for one training and a rate is the exact McNemar test; *Holm* is adjusted
+  for all arms, methods and scales of the protocol's setting.
 - **Reference** and **ceiling** are the scripted oracle that knows nothing of the arm and the one that does, on test
   seeds, by the same code. A policy may beat either.
 - **Failed by cause**: an episode failed if it never had p2. What rolled out of a target later has no cause.
@@ -38,8 +39,8 @@ HOW_TO_READ = """- **Episodes**: test seeds from 100000 on, by which nothing was
   last. *(entry)*: evaluated by `benchmark.enter`. A dash: not measured.
 - **What counts**: rows of a protocol's settings, episodes and batches, by policies that ship with the project and
   learned so, or by entries, which stand beside the usual policies. Other code versions have sections, and Holm
-  families, of their own; those that were shown to give the same episodes go by one name (`ALIKE` in
-  `benchmark/code_version.py`, which says how it was shown).
+  families, of their own; those that were shown to give the same episodes, but for how they are rounded, go by one name
+  (`ALIKE` in `benchmark/code_version.py`, which says how it was shown).
 - **Rounded as** which `arithmetic` the last digits were: rows of the present code should replay on any x86-64 processor
   with AVX2, others by the code of their commit on processors like theirs; rows of before 23 November 2026 do not say.
   Rows that are rounded otherwise share policy, scene and noise when they are paired, but not the last digits.

@@ -65,7 +65,7 @@ def make_condition(
         sampling_steps=steps,
         training_seed=source.training_seed,
         checkpoint=source.name,
-        checkpoint_hash=source.weights_hash,
+        checkpoint_hash=source.policy_hash,
         field_fingerprint=field.about["fingerprint"] if field else "",
         cell_size=field.grid.cell_size if field else math.nan,
         batch_shape=config.slots,

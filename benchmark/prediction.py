@@ -109,13 +109,14 @@ def main(config: PredictionConfig) -> None:
 
 
 def direct_episodes(folder: Path) -> "pd.DataFrame":
-    """Stored episodes of direct transfer on test seeds, with their paths, of the usual policies that ship."""
+    """Stored episodes of direct transfer that a protocol counts, with their paths, of the usual policies that ship."""
     from benchmark.config import FIRST_TEST_SEED
     from benchmark.known_policies import shipped
+    from benchmark.ranking import counted_by_any
     from benchmark.trusted_rows import read_all_episodes
 
-    table = read_all_episodes(folder, FIRST_TEST_SEED)
-    return table if table.empty else table[(table.method == "direct") & table.checkpoint_hash.isin(shipped())]
+    table = counted_by_any(read_all_episodes(folder, FIRST_TEST_SEED), shipped())
+    return table if table.empty else table[table.method == "direct"]
 
 
 def with_source(direct: "pd.DataFrame", arm: "ArmSetting") -> "pd.DataFrame":
@@ -153,10 +154,14 @@ def transfer_fields(arm: "ArmSetting", config: PredictionConfig, console: "Conso
     target = robot_map(description, arm.base, config.map, config.workers, console)
     similar = similarity(source, target, arm.base, config.energy.scales)
     distance, _ = feasibility_field(arm, console)
+
+    def raised(xy: np.ndarray) -> np.ndarray:
+        return np.insert(xy, 2, HEIGHT, axis=1)
+
     return TransferFields(
-        energy=lambda xy: energy.value_and_gradient(_raised(xy, HEIGHT))[0],
-        mmd=lambda xy: similar.mmd[similar.grid.cells_of(_raised(xy, HEIGHT))],
-        infeasible=lambda xy: (distance.value_and_gradient(_raised(xy, HEIGHT))[0] > 0).astype(float),
+        energy=lambda xy: energy.value_and_gradient(raised(xy))[0],
+        mmd=lambda xy: similar.mmd[similar.grid.cells_of(raised(xy))],
+        infeasible=lambda xy: (distance.value_and_gradient(raised(xy))[0] > 0).astype(float),
     )
 
 
@@ -290,10 +295,6 @@ def _interval(statistic: "Callable[[np.ndarray], float]", n: int, seed: int) -> 
     half = norm.ppf((1 + LEVEL) / 2) * spread
     low, high = np.tanh(np.arctanh(np.clip(value, -within, within)) + [-half, half])
     return {"r": value, "low": float(low), "high": float(high)}
-
-
-def _raised(xy: np.ndarray, height: float) -> np.ndarray:
-    return np.column_stack([xy, np.full(len(xy), height)])
 
 
 TEXT = """# Does similarity predict transfer?

@@ -1,13 +1,13 @@
 """Methods ranked on each arm: a pure function of the episodes tables, by two protocols."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.arm import ARM, of_arm
+from benchmark.arm import ARM, arm_of, of_arm
 from benchmark.command import SettingError
-from benchmark.config import FIRST_TEST_SEED, TASK_ARMS
+from benchmark.config import FIRST_TEST_SEED, TASK_ARMS, RunConfig
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,18 +61,25 @@ def counted(episodes: "pd.DataFrame", protocol: Protocol, ours: set[str]) -> "pd
     return episodes[counts & (of_ours | (episodes.entry_hash != ""))]
 
 
+def counted_by_any(episodes: "pd.DataFrame", ours: set[str]) -> "pd.DataFrame":
+    """The rows that one of the protocols counts; no two of them have a setting in common."""
+    import pandas as pd
+
+    return pd.concat([counted(episodes, protocol, ours) for protocol in PROTOCOLS])
+
+
 def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
     """One row per arm and method, over all policies: scores, differences to direct transfer, what changed, causes.
 
     Rows that lack episodes or policies come last on their arm: what is missing may be what failed.
 
     For each score and each of `MECHANISM` there is its mean (the column of its name), `_low` and `_high`, its
-    difference to direct transfer on the same episodes of the same policies, `_difference`, `_difference_low` and
-    `_high`; for scores also the least and most of any policy, `_least` and `_most`, the difference's `_p`
-    (`statistics.sign_flip_p_value`), and `_holm`, the same adjusted for all robots, methods and scales of the setting.
-    Likewise, for direct transfer on an arm that stands or holds its tool otherwise than in the setting `embodied`, that
-    to direct transfer there, `_arm_difference` and `_arm_p`. NaN where there is nothing to compare with. `policies` has
-    the figures of each.
+    difference to direct transfer on the same episodes of the same policies (of ours, where an entry has its own),
+    `_difference`, `_difference_low` and `_high`; for scores also the least and most of any policy, `_least` and
+    `_most`, the difference's `_p` (`statistics.sign_flip_p_value`), and `_holm`, the same adjusted for all robots,
+    methods and scales of the setting. Likewise, for direct transfer on an arm that stands or holds its tool otherwise
+    than in the setting `embodied`, that to direct transfer there, `_arm_difference` and `_arm_p`. NaN where there is
+    nothing to compare with. `policies` has the figures of each.
 
     Args:
         episodes: The rows that count.
@@ -85,11 +92,13 @@ def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
 
     from benchmark.statistics import holm
 
-    rows, ours = [], {*episodes.checkpoint_hash[episodes.entry_hash == ""]}
+    rows, ours = [], episodes.checkpoint_hash[episodes.entry_hash == ""].unique()
     episodes = episodes.assign(far_target_first=_far_target_first(episodes), training=_training(episodes))
     for _, on_arm in episodes.groupby([*ARM, "code_version"]):
         for _, group in on_arm.groupby([*GUIDANCE, *SAMPLING], dropna=False):
-            rows.append(_row(group, _direct(on_arm, group), protocol, ours) | _to_usual_arm(episodes, group, protocol))
+            foreign = bool(group.entry_hash.iloc[0]) and not group.checkpoint_hash.isin(ours).any()
+            direct = _direct(on_arm, group, foreign)
+            rows.append(_row(group, direct, protocol, foreign) | _to_usual_arm(episodes, group, protocol))
     table = pd.DataFrame(rows)
     for score in protocol.scores:
         table[f"{score}_holm"] = table.groupby(["setting", "code_version"])[f"{score}_p"].transform(holm)
@@ -109,9 +118,15 @@ def _training(episodes: "pd.DataFrame") -> "pd.Series":
     return seed.astype(str).where(seed >= 0, episodes.checkpoint_hash)
 
 
-def _direct(on_arm: "pd.DataFrame", group: "pd.DataFrame") -> "pd.DataFrame":
-    """Episodes of direct transfer that a group can be compared with; none for direct transfer itself."""
-    same = (on_arm[SAMPLING] == group[SAMPLING].iloc[0]).all(axis=1)
+def _direct(on_arm: "pd.DataFrame", group: "pd.DataFrame", foreign: bool) -> "pd.DataFrame":
+    """Episodes of direct transfer that a group can be compared with; none for direct transfer itself.
+
+    A policy that is not ours, and that may not even diffuse, is compared with ours as they usually sample.
+    """
+    sampling = group[SAMPLING].iloc[0].copy()
+    if foreign:
+        sampling[["sampler", "sampling_steps"]] = RunConfig.sampler, RunConfig.sampling_steps
+    same = (on_arm[SAMPLING] == sampling).all(axis=1)
     return on_arm[same & (on_arm.method == "direct") & (group.method.iloc[0] != "direct")]
 
 
@@ -124,7 +139,7 @@ def _to_usual_arm(episodes: "pd.DataFrame", group: "pd.DataFrame", protocol: Pro
     first, alike = group.iloc[0], ["robot", "method", "code_version", *SAMPLING]
     usual = arm_setting(first.robot, "embodied")
     common = of_arm(episodes[(episodes[alike] == first[alike]).all(axis=1)], usual)
-    if len(of_arm(group, usual)) or first.method != "direct":
+    if replace(arm_of(first), name=usual.name) == usual or first.method != "direct":
         common = common[:0]
     pairs = group.merge(common, on=["checkpoint_hash", "episode_seed"], suffixes=("", "_common"))
     row: dict[str, float] = {}
@@ -135,8 +150,11 @@ def _to_usual_arm(episodes: "pd.DataFrame", group: "pd.DataFrame", protocol: Pro
     return row
 
 
-def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol, ours: set[str]) -> dict:
-    """One row of the leaderboard; an entry that has one of our policies is to have all of them."""
+def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol, foreign: bool) -> dict:
+    """One row of the leaderboard; an entry that has one of our policies is to have all of them.
+
+    A foreign policy is compared with each of ours on the same scenes, all others with themselves.
+    """
     from benchmark.statistics import clustered_difference, clustered_mean, sign_flip_p_value
 
     first = group.iloc[0]
@@ -147,7 +165,6 @@ def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol, ours
             f"{first['lambda']:g}: {', '.join(x[:12] for x in group.checkpoint_hash.unique())}. "
             "Move the episodes.parquet of one of them away."
         )
-    foreign = first.entry_hash and not group.checkpoint_hash.isin(ours).any()
     policies = group.checkpoint.nunique() if foreign else protocol.policies
     row = first[[*ARM, *GUIDANCE, *SAMPLING, "code_version"]].to_dict() | {
         "entry": bool(first.entry_hash),
@@ -159,7 +176,8 @@ def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol, ours
         "trainings": group.training.nunique(),
         "causes": group.failure_cause.dropna().value_counts().to_dict(),
     }
-    pairs = group.merge(direct, on=["checkpoint_hash", "episode_seed"], suffixes=("", "_direct"))
+    of_pair = ["episode_seed"] if foreign else ["checkpoint_hash", "episode_seed"]
+    pairs = group.merge(direct, on=of_pair, suffixes=("", "_direct")).assign(training=lambda pair: pair.training_direct)
     for name in (*protocol.scores, *MECHANISM):
         extra = {"extra": ()} if name.startswith("share_") else {}
         row |= _named(name, clustered_mean(_crossed(group, group[name]), **extra))

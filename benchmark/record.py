@@ -11,6 +11,7 @@ from benchmark.command import run_command
 from benchmark.config import RunConfig
 from benchmark.known_policies import chosen_checkpoint
 from benchmark.make_rollout import make_rollout
+from benchmark.outputs import replacing
 from benchmark.scales import with_scale
 
 if TYPE_CHECKING:
@@ -32,7 +33,6 @@ def main(config: RunConfig) -> None:
     console = Console()
     rollout = make_rollout(config, config.guidance_scale, checkpoint, console)
     folder = Path(config.output_dir)
-    folder.mkdir(parents=True, exist_ok=True)
     scale = f"{'lambda' if config.method == 'paper' else config.method}{config.guidance_scale:g}"
     for seed in range(config.seed_start, config.seed_start + config.episodes):
         file = folder / f"{config.robot.name}-{config.setting}-{scale}-{seed}.gif"
@@ -55,7 +55,8 @@ def record(rollout: "Rollout", seed: int, file: Path) -> "Episode":
             frames.append(env.render()[::2, ::2])
 
     episode = alone(rollout, seed, watch)
-    imageio.imwrite(file, frames, duration=2000 / FRAMES_PER_SECOND, loop=0)
+    with replacing(file) as path:
+        imageio.imwrite(path, frames, duration=2000 / FRAMES_PER_SECOND, loop=0)
     return episode
 
 

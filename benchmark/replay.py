@@ -82,10 +82,11 @@ def main(config: ReplayConfig) -> None:
             missing += 1
             continue
         differing = differences(row, episode)
+        compared = episode.row().keys() - NOT_REPLAYED
+        same = [name for name in row if name in compared - differing.keys()]
         code = differing.pop("code_version", None)
         if row_hash(row) != row["row_hash"]:
             differing["row_hash"] = row["row_hash"], "another one: the row was edited after it was stored"
-        same = [name for name in row if name not in {*differing, *NOT_REPLAYED}]
         console.print(f"  bit-equal: {', '.join(same)}", soft_wrap=True, highlight=False)
         for name, (stored, replayed) in differing.items():
             console.print(f"  differs: {name}, {_apart(stored, replayed)}", soft_wrap=True, highlight=False)
@@ -303,7 +304,7 @@ def row_checkpoint(row: Mapping[str, Any], policy: str, entry: "Entry | None") -
         folders = [file.parent for root in CHECKPOINTS for file in sorted(root.glob("*/model.safetensors"))]
         folders.sort(key=lambda folder: folder.name != row["checkpoint"])
     for folder in folders:
-        if weights_hash(folder) == row["checkpoint_hash"]:
+        if policy_hash(folder) == row["checkpoint_hash"]:
             return folder
     raise SettingError(
         f"{row_name(row)}: no policy with the weights {row['checkpoint_hash'][:16]} is in "
@@ -312,9 +313,9 @@ def row_checkpoint(row: Mapping[str, Any], policy: str, entry: "Entry | None") -
 
 
 @lru_cache
-def weights_hash(folder: Path) -> str:
+def policy_hash(folder: Path) -> str:
     """That of the checkpoint in a folder, read once."""
-    return Checkpoint(folder).weights_hash
+    return Checkpoint(folder).policy_hash
 
 
 def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> RunConfig:

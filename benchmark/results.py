@@ -64,7 +64,7 @@ class Condition:
     """-1 if the checkpoint does not say."""
     checkpoint: str
     checkpoint_hash: str
-    """SHA-256 of the checkpoint's weights."""
+    """SHA-256 that tells the policy (`Checkpoint.policy_hash`), in general of its weights."""
     field_fingerprint: str
     """Fingerprint of the field that guidance looks at, of an energy field and so of both maps; empty without one."""
     cell_size: float

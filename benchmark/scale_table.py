@@ -2,13 +2,12 @@
 
 from typing import TYPE_CHECKING
 
+from benchmark.arm import ARM
+
 if TYPE_CHECKING:
     import pandas as pd
 
-ARM = [
-    "robot", "setting", "base", "branch", "self_collision", "joint_limits", "orientation_weight", "sampler",
-    "sampling_steps",
-]  # fmt: skip
+CHOSEN_FOR = [*ARM, "sampler", "sampling_steps"]
 """Columns of the episodes table that a scale is chosen for."""
 
 METHOD = ["method", "cell_size", "field_fingerprint"]
@@ -30,11 +29,11 @@ def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
         return Crossed(values.to_numpy(float), rows.checkpoint_hash.to_numpy(str), rows.episode_seed.to_numpy())
 
     rows = []
-    for arm, group in episodes.groupby(ARM, sort=True):
+    for arm, group in episodes.groupby(CHOSEN_FOR, sort=True):
         direct = group[group.method == "direct"]
         for key, point in group.groupby([*METHOD, "lambda"], sort=False, dropna=False):
             pairs = point.merge(direct, on=["checkpoint_hash", "episode_seed"], suffixes=("", "_direct"))
-            row = dict(zip([*ARM, *METHOD, "lambda"], (*arm, *key), strict=True))
+            row = dict(zip([*CHOSEN_FOR, *METHOD, "lambda"], (*arm, *key), strict=True))
             row |= {
                 "n": len(point),
                 "checkpoints": point.checkpoint_hash.nunique(),
@@ -50,7 +49,7 @@ def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
                 of_difference = (f"{name}_difference", f"{name}_difference_low", f"{name}_difference_high")
                 row |= dict(zip(of_difference, difference, strict=True))
             rows.append(row)
-    table = pd.DataFrame(rows).sort_values([*ARM, *METHOD, "lambda"], ignore_index=True)
+    table = pd.DataFrame(rows).sort_values([*CHOSEN_FOR, *METHOD, "lambda"], ignore_index=True)
     in_order = table[table.whole].sort_values(["p2", "lambda"], ascending=[False, True])
-    best = in_order.groupby([*ARM, *METHOD], dropna=False).head(1)
+    best = in_order.groupby([*CHOSEN_FOR, *METHOD], dropna=False).head(1)
     return table.assign(chosen=table.index.isin(best.index))

@@ -13,7 +13,7 @@ from benchmark.command import SettingError, check_setting, run_command
 from benchmark.config import TASK_ARMS, ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig
 from benchmark.outputs import replacing
 from benchmark.recipe import USUAL
-from benchmark.scale_table import ARM, METHOD, scale_table
+from benchmark.scale_table import CHOSEN_FOR, METHOD, scale_table
 from policies.methods import METHODS
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def main(config: ScalesConfig) -> None:
     with replacing(folder / "scales.md") as path:
         path.write_text(markdown(table))
 
-    arm = table[(table[ARM] == [getattr(direct[0].condition, name) for name in ARM]).all(axis=1)]
+    arm = table[(table[CHOSEN_FOR] == [getattr(direct[0].condition, name) for name in CHOSEN_FOR]).all(axis=1)]
     base = tuple(map(float, direct[0].condition.base.split()))[:2]
     guidances = {
         row.method: make_guidance(row.method, row["lambda"], fields[row.method][0], base, config.seeds[0])
@@ -292,7 +292,7 @@ def chosen_scale(config: RunConfig) -> float:
 
     console, direct = Console(quiet=True), replace(config, guidance_scale=0.0)
     condition = make_rollout(direct, 0.0, chosen_checkpoint(direct), console).condition
-    arm = tuple(getattr(condition, name) for name in ARM)
+    arm = tuple(getattr(condition, name) for name in CHOSEN_FOR)
     folder = arm_folder(config.scales_dir, config)
     chosen = _chosen(folder, condition.code_version).get((*arm, config.method), {})
     if chosen:
@@ -311,7 +311,7 @@ def chosen_scale(config: RunConfig) -> float:
 @cache
 def _chosen(folder: Path, code_version: str) -> dict[tuple, dict[str, float]]:
     """The chosen scales by arm and method, and by field, from the validation episodes of one version of the code."""
-    columns = [*ARM, *METHOD, "lambda", "checkpoint_hash", "episode_seed", "p2", "score", "code_version"]
+    columns = [*CHOSEN_FOR, *METHOD, "lambda", "checkpoint_hash", "episode_seed", "p2", "score", "code_version"]
     episodes = read_methods(folder, columns)
     if episodes.empty:
         return {}
@@ -320,7 +320,7 @@ def _chosen(folder: Path, code_version: str) -> dict[tuple, dict[str, float]]:
         return {}
     table, chosen = scale_table(episodes), {}
     for row in table[table.chosen].to_dict("records"):
-        of_method = chosen.setdefault(tuple(row[name] for name in [*ARM, "method"]), {})
+        of_method = chosen.setdefault(tuple(row[name] for name in [*CHOSEN_FOR, "method"]), {})
         of_method[row["field_fingerprint"]] = row["lambda"]
     return chosen
 
@@ -364,8 +364,8 @@ def markdown(table: "pd.DataFrame") -> str:
 
     units = "\n".join(f"- `{name}`: λ is {method.scale}." for name, method in METHODS.items() if name != "direct")
     parts = [TEXT.format(most=MOST_SAMPLES, units=units)]
-    for arm, group in table.groupby(ARM, sort=True):
-        about = dict(zip(ARM, arm, strict=True))
+    for arm, group in table.groupby(CHOSEN_FOR, sort=True):
+        about = dict(zip(CHOSEN_FOR, arm, strict=True))
         parts += [
             f"## {about['robot']}, {setting_text(about)}",
             f"Base {about['base']} m, wrist {about['branch']}, {about['sampler']}-{about['sampling_steps']}, "

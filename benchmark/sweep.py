@@ -118,15 +118,15 @@ def run_sweep(composed: list[tuple[list[str], DictConfig]], launcher: Launcher, 
             log_field(job.config, job.rollout, folder.name)
         with progress(jobs.values(), folder, console):
             launch(missing, launcher, console)
-    log_curves(next(iter(configs.values())).wandb, rows_of(jobs.values()), folder.name)
     ended = {job.name: failure_file(folder, job.name) for job in missing}
     failed |= {name: file.read_text().splitlines()[1] for name, file in ended.items() if file.exists()}
     failed = {
         job.name: "Not stored whole: it was stopped before its end, or still runs on a cluster."
         for job in unfinished(missing)
     } | failed
+    say_failed(failed, console)
+    log_curves(next(iter(configs.values())).wandb, rows_of(jobs.values()), folder.name)
     if failed:
-        say_failed(failed, console)
         console.print(f"Whole reasons: {folder / 'failed'}. The same command goes on where it was.", soft_wrap=True)
         sys.exit(1)
     console.print(f"All is stored: {', '.join(sorted({str(job.output_dir) for job in jobs.values()}))}", soft_wrap=True)
@@ -209,11 +209,11 @@ def unfinished(jobs: Iterable[Job]) -> dict[Job, int]:
 
 
 def rows_of(jobs: Iterable[Job]) -> Iterator[pd.DataFrame]:
-    """The stored episodes of each job."""
+    """The stored episodes of each job of which there are any."""
     tables = {output_dir: read_episodes(output_dir) for output_dir in {job.output_dir for job in jobs}}
     for job in jobs:
-        rows = episodes_of(tables[job.output_dir], job.rollout.condition)
-        yield rows[rows.episode_seed.isin(job.seeds)]
+        if len(rows := episodes_of(tables[job.output_dir], job.rollout.condition)):
+            yield rows[rows.episode_seed.isin(job.seeds)]
 
 
 def run_job(config: DictConfig) -> None:

@@ -134,7 +134,7 @@ def slope_over_table(energy: "EnergyField", height: float) -> tuple[np.ndarray, 
     """Points (nx, ny, 2), in [m], over the table and around it, and the energy's slope there, (nx, ny, 2) in [1/m]."""
     x, y = np.arange(-0.3, 0.801, SLOPE_SPACING), np.arange(-0.6, 0.601, SLOPE_SPACING)
     xy = np.stack(np.meshgrid(x, y, indexing="ij"), -1)
-    points = np.concatenate([xy, np.full((*xy.shape[:2], 1), height)], -1).reshape(-1, 3)
+    points = np.insert(xy, 2, height, axis=-1).reshape(-1, 3)
     return xy, energy.gradient(points)[:, :2].reshape(xy.shape)
 
 

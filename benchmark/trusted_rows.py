@@ -98,14 +98,21 @@ def contradictions(table: pd.DataFrame) -> dict[str, pd.Series]:
     """What no rollout stores, whatever its hash, and which rows have it."""
     score = np.where(table.p2, 1.0, np.where(table.p1, 0.49, 0.0))
     shares = table[[name for name in table if name.startswith("share_") or name == "self_contact_share"]]
-    methods, oracle = [*METHODS, *ORACLE_METHODS.values()], table.method.isin(ORACLE_METHODS.values())
+    oracle, by_policy = table.method.isin(ORACLE_METHODS.values()), table.method.isin(METHODS)
+    entry, has_field = table.entry_hash != "", table.cell_size.notna()
+    looks_at_one = table.method.isin([name for name, method in METHODS.items() if method.field])
     known = {"robot": TASK_ARMS, "setting": SETTINGS, "device": ("cpu", "cuda"), "failure_cause": CAUSES}
     return {f"its {name} is none of {', '.join(of)}": ~table[name].isin([*of, None]) for name, of in known.items()} | {
-        "its method is none of ours, and it has no entry_hash": ~table.method.isin(methods) & (table.entry_hash == ""),
-        "it is a scripted oracle's, and has a policy or an entry_hash": oracle
-        & (table.checkpoint_hash + table.entry_hash != ""),
-        f"it is longer than {MAX_EPISODE_STEPS} steps": table.length > MAX_EPISODE_STEPS,
+        "its method is one of ours and it has an entry_hash, or neither": (by_policy | oracle) == entry,
         "its lambda is no number": ~np.isfinite(table["lambda"]),
+        "its lambda is not 0 without guidance, or not above 0 with it": ~entry
+        & np.where(by_policy & (table.method != "direct"), table["lambda"] <= 0, table["lambda"] != 0),
+        "its method looks at a field and it has none, or it has one for nothing": ~entry & (looks_at_one != has_field),
+        "it has a field_fingerprint without a cell_size, or the other way round": (table.field_fingerprint != "")
+        != has_field,
+        "it is a scripted oracle's, and has a policy, or a batch": oracle
+        & ((table.checkpoint_hash != "") | (table.sampler != "none") | (table.batch_shape != 1)),
+        f"it is longer than {MAX_EPISODE_STEPS} steps": table.length > MAX_EPISODE_STEPS,
         "its slot is not its seed modulo batch_shape": table.slot != table.episode_seed % table.batch_shape.clip(1),
         "its mode is not that of its seed's scene": table["mode"] != table.episode_seed.map(_mode),
         "its score does not follow from p1 and p2": table.score != score,

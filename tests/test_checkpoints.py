@@ -1,11 +1,15 @@
 """The policies that ship with the project."""
 
+import hashlib
+import json
+import shutil
 from pathlib import Path
 
 import gymnasium
 import pytest
 import torch
 
+from benchmark.checkpoint import Checkpoint
 from envs import ENVIRONMENTS
 from policies.modeling_guided_push import GuidedPushPolicy
 from policies.noise import episode_noise
@@ -35,3 +39,21 @@ def test_a_shipped_policy_places_both_blocks(checkpoint):
 @pytest.mark.parametrize("checkpoint", CHECKPOINTS, ids=lambda path: path.name)
 def test_nine_of_a_checkpoint_fit_in_40_mb(checkpoint):
     assert 9 * sum(file.stat().st_size for file in checkpoint.iterdir()) < 40e6
+
+
+def test_a_policy_is_told_by_all_that_decides_its_actions(tmp_path):
+    """Stored episodes of one are not taken for those of another."""
+    copy = shutil.copytree(CHECKPOINTS[0], tmp_path / "copy")
+    weights = hashlib.sha256((copy / "model.safetensors").read_bytes()).hexdigest()
+    settings = json.loads((copy / "config.json").read_text())
+
+    def with_settings(**changed):
+        (copy / "config.json").write_text(json.dumps(settings | changed))
+        return Checkpoint(copy).policy_hash
+
+    assert weights == with_settings() == with_settings(device="cuda", repo_id="me/mine")
+    two, four = with_settings(n_action_steps=2), with_settings(n_action_steps=4)
+    assert len({weights, two, four}) == 3 and with_settings(n_action_steps=2) == two
+    with_settings()
+    (copy / "policy_preprocessor_step_3_normalizer_processor.safetensors").write_bytes(b"mean and deviation")
+    assert Checkpoint(copy).policy_hash not in {weights, two, four}

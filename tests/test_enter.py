@@ -236,6 +236,25 @@ def test_what_a_class_may_not_answer_is_said_by_name(tmp_path, method, message):
         guidance.correct(chunk, effector)
 
 
+def test_a_class_may_import_what_lies_beside_it_and_be_a_dataclass(tmp_path):
+    (tmp_path / "how_far.py").write_text("HALF = 0.5\n")
+    (tmp_path / "theirs.py").write_text(
+        "from __future__ import annotations\n"
+        "from dataclasses import dataclass\n"
+        "from how_far import HALF\n"
+        "from policies.guidance import Guidance\n"
+        "@dataclass\n"
+        "class Theirs(Guidance):\n"
+        "    field: object\n"
+        "    scale: float\n"
+        "    base: tuple[float, float]\n"
+        "    seed: int\n"
+        "    def correct(self, chunk, effector): return chunk * HALF * self.scale\n"
+    )
+    guidance = GuidanceClass(tmp_path / "theirs.py", "Theirs").make(3.0, None, (0.0, 0.0), 0)
+    assert (guidance.correct(torch.ones(3, 4, 2), torch.zeros(3, 4)) == 1.5).all()
+
+
 def test_nobody_overwrites_somebody_elses_entry(entry, entered):
     other = write_entry(entry.parent / "other", name="mine", author="Somebody Else")
     with pytest.raises(SettingError, match="holds the entry mine of Jane Doe. Give yours another name"):

@@ -8,8 +8,8 @@ import pytest
 
 from benchmark.failure_places import (
     PLACED,
+    along_scale,
     by_cause,
-    by_scale,
     ends_of,
     markdown,
     places_figure,
@@ -57,6 +57,9 @@ def test_the_end_is_that_of_the_last_second_and_guidance_pulls_down_the_slope(ep
     assert np.allclose(ends.energy[:4], [0.125, 0.125, 0.125, 0.045], atol=1e-6)
     assert np.allclose(ends.slope[:4], ends.radius[:4], atol=1e-6)
     assert np.allclose(ends.outward[:4], -ends.radius[:4], atol=1e-6)  # Uphill is outwards, so guidance pulls inward.
+    assert np.allclose(ends.nearest[:4], np.hypot(*ARM.base[:2]))  # They began there.
+    assert np.allclose(ends.nearest[4:], 0.002, atol=5e-4)
+    assert np.allclose(ends.outward_nearest[:4], -ends.nearest[:4], atol=1e-6)
 
 
 def test_a_row_for_each_cause_the_frequent_first_and_successes_last(episodes):
@@ -71,7 +74,7 @@ def test_a_row_for_each_cause_the_frequent_first_and_successes_last(episodes):
 def test_scale_by_scale_failures_are_told_apart_by_whether_they_end_at_the_border(episodes):
     ends = ends_of(episodes, ARM, bowl(), edge())
     ends = pd.concat([ends.assign(scale=0.0), ends.assign(scale=1.0, cause=4 * ["dithering"] + 2 * [PLACED])])
-    table = by_scale(ends)
+    table = along_scale(ends)
     assert table.scale.tolist() == [0, 1] and table.failed.tolist() == [4, 4] and table.border.tolist() == [3, 3]
     text = markdown(by_cause(ends).assign(robot="ur3", setting="best"), [table.assign(robot="ur3", setting="best")])
     assert "outer_reach 3 (3), dithering 1 (0)" in text and "dithering 4 (3)" in text

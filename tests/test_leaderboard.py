@@ -18,7 +18,7 @@ from benchmark.lambda_curves import curves
 from benchmark.leaderboard import LeaderboardConfig, main
 from benchmark.leaderboard_text import beside_the_paper, markdown
 from benchmark.oracle_scores import with_oracles
-from benchmark.ranking import PAPER, PROTOCOLS, STRICT, counted, leaderboard
+from benchmark.ranking import PAPER, PROTOCOLS, STRICT, counted, counted_by_any, leaderboard
 from benchmark.recipe import SHIPPED, USUAL, recipe_folder
 from benchmark.results import read_episodes
 from benchmark.statistics import holm, paired_p_value
@@ -144,6 +144,8 @@ def test_other_batches_and_other_peoples_policies_do_not_count(transfer_episodes
         of_protocol = counted(transfer_episodes, protocol, OURS)
         with_others = counted(pd.concat([transfer_episodes, main_job, trained_here]), protocol, OURS)
         pd.testing.assert_frame_equal(with_others, of_protocol)
+    either = counted_by_any(pd.concat([transfer_episodes, main_job, trained_here]), OURS)
+    assert len(either) == sum(len(counted(transfer_episodes, protocol, OURS)) for protocol in PROTOCOLS)
 
 
 def test_an_entry_that_lacks_some_of_our_policies_or_episodes_is_incomplete_and_comes_last(transfer_episodes):
@@ -163,6 +165,26 @@ def test_an_entry_that_lacks_some_of_our_policies_or_episodes_is_incomplete_and_
         assert table.method.tolist() == (["mine", "direct"] if lacking == "nothing" else ["direct", "mine"]), lacking
     own = entry[entry.checkpoint == "seed42-1"].assign(checkpoint_hash="its own", checkpoint="p")
     assert leaderboard(pd.concat([rows, own]), STRICT).complete.all()  # One policy of its own is all it has.
+
+
+@pytest.mark.parametrize("sampling", [{}, {"sampler": "none", "sampling_steps": 0}])
+def test_a_policy_that_is_not_ours_is_compared_with_each_of_ours_on_the_same_scenes(transfer_episodes, sampling):
+    ours = counted(transfer_episodes, STRICT, OURS)
+    ours = ours[(ours.robot == "ur3") & (ours.entry_hash == "")]
+    direct = ours[ours.method == "direct"]
+    theirs = direct[direct.checkpoint == "seed42-1"].assign(
+        method="theirs",
+        entry_hash="e",
+        checkpoint="act",
+        checkpoint_hash="its own",
+        training_seed=-1,
+        p2=True,
+        **sampling,
+    )
+    board = leaderboard(pd.concat([ours, theirs]), STRICT).set_index("method").loc["theirs"]
+    assert board.p2_difference == pytest.approx(1 - direct.p2.mean()) and direct.checkpoint.nunique() == 3
+    assert board.p2_difference_low < board.p2_difference < board.p2_difference_high
+    assert board.p2_p == pytest.approx(0.5 ** ((~direct.p2).groupby(direct.episode_seed).any().sum() - 1))
 
 
 def test_an_entry_may_call_its_policies_what_it_likes(transfer_episodes):
@@ -293,6 +315,14 @@ def test_an_arm_that_stands_or_holds_its_tool_otherwise_is_held_against_the_usua
     assert 0 < moved.p2_arm_p < 1 and table.p2_arm_p.notna().sum() == 1
     text = markdown({STRICT: with_oracles(table, pd.DataFrame())})
     assert shown in text
+
+
+def test_an_arm_that_stands_as_it_usually_does_is_not_held_against_itself(transfer_episodes):
+    """The xArm6 has one place in both settings."""
+    rows = transfer_episodes.query("robot == 'ur3' and setting == 'embodied' and method == 'direct'")
+    both = pd.concat([transfer_episodes, rows.assign(setting="best", p2=True)])
+    table = leaderboard(counted(both, STRICT, OURS), STRICT)
+    assert {*table.setting} == {"embodied", "best"} and table.p2_arm_p.isna().all()
 
 
 @pytest.mark.parametrize("recipe", SHIPPED)

@@ -71,6 +71,7 @@ def test_what_did_not_happen_is_found_though_it_is_signed(stored, tmp_path, caps
 def test_a_row_of_other_code_is_replayed_and_the_code_is_named(stored, tmp_path, capsys):
     replay.main(changed(stored, tmp_path, code_version="0123"))
     assert "is of code 0123" in (shown := " ".join(capsys.readouterr().out.split())) and "changed nothing" in shown
+    assert "code_version" not in shown
     length = int(read_episodes(stored).length[1])
     with pytest.raises(SystemExit, match="1"):
         replay.main(changed(stored, tmp_path, number=1, code_version="0123", length=length + 1))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from scipy.special import expit
-from scipy.stats import binom, sem, t
+from scipy.stats import binom, permutation_test, sem, t
 
 from benchmark.statistics import (
     Crossed,
@@ -85,7 +85,18 @@ def test_sign_flips_of_one_training_are_mcnemars_test():
     rng = np.random.default_rng(5)
     treated, control = rng.random((2, 40)) < [[0.8], [0.6]]
     p_value = sign_flip_p_value(crossed((treated.astype(float) - control)[None]))
-    assert p_value == pytest.approx(paired_p_value(treated, control), rel=0.1)
+    assert p_value == pytest.approx(paired_p_value(treated, control), rel=1e-12)
+    certain = sign_flip_p_value(crossed(np.ones((1, 500))))
+    assert certain == pytest.approx(paired_p_value(np.ones(500), np.zeros(500)), rel=1e-12)
+
+
+def test_sign_flips_are_counted_one_and_all():
+    """Three trainings, scores with partial credit: SciPy goes through all flips of so few episodes."""
+    differences = np.random.default_rng(7).choice([-1, -0.51, -0.49, 0, 0, 0.49, 0.51, 1], (3, 12))
+    sums = differences.sum(axis=0)
+    every = permutation_test((sums,), np.sum, permutation_type="samples", vectorized=True, n_resamples=np.inf)
+    assert 0.01 < every.pvalue < 0.99 and every.null_distribution.size == 2**12
+    assert sign_flip_p_value(crossed(differences)) == pytest.approx(every.pvalue)
 
 
 def test_sign_flips_find_what_is_certain_of_these_trainings_and_nothing_where_there_is_nothing():

@@ -268,6 +268,14 @@ def test_a_failed_job_leaves_its_reason_and_stops_no_other(swept):
     assert "The same command goes on" in last
 
 
+def test_where_every_job_failed_the_reasons_are_said_also_to_those_who_log(swept, tmp_path):
+    *_, folder = swept
+    arguments = ["episodes=1", f"policy={folder / 'bad'}", "wandb.mode=offline", f"wandb.folder={tmp_path}"]
+    assert sweep(tmp_path, *arguments).wait(timeout=900) == 1
+    log = (tmp_path / "log.txt").read_text()
+    assert log.count("Failed: ur3-original-paper-") == 2 and "SafetensorError" in log and "Traceback" not in log
+
+
 def test_a_cluster_s_jobs_store_the_same_rows_and_are_counted_and_logged(swept, cache, tmp_path, offline_runs):
     rows, *_, folder = swept
     arguments = ["episodes=2", f"policy={folder / 'good'}", "hydra/launcher=submitit_local"]
