@@ -81,7 +81,7 @@ SCHEMAS = {
 
 
 def test_every_configuration_has_a_schema():
-    assert {file.stem for file in Path(command.CONF).glob("*.yaml")} == set(SCHEMAS)
+    assert {file.stem for file in Path(command.CONF).glob("*.yaml")} - {"quiet"} == set(SCHEMAS)
 
 
 @pytest.mark.parametrize("name", SCHEMAS)
