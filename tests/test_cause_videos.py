@@ -42,18 +42,37 @@ def test_a_stored_episode_is_played_again_and_shown(stored, tmp_path):
     assert "`dithering`" in text.split("| cause")[0]  # No episode here failed by that.
 
 
-def test_a_row_that_fails_otherwise_when_it_is_played_again_is_refused(stored, tmp_path, monkeypatch):
-    def unseen(rollout, seed, file):
+@pytest.fixture
+def unseen(monkeypatch):
+    """Episodes are played, and the files of their pictures, which take half a minute, are empty."""
+
+    def record(rollout, seed, file):
         file.touch()
         return play(rollout, [seed])[0]
 
-    monkeypatch.setattr("benchmark.record.record", unseen)  # Pictures take half a minute.
+    monkeypatch.setattr("benchmark.record.record", record)
+
+
+def edited(stored, folder, **values):
+    """The stored episode with other values, signed."""
     (row,) = read_episodes(stored).to_dict("records")
-    row["failure_cause"] = "block_tipped"
+    row |= values
     row["row_hash"] = row_hash(row)
-    pd.DataFrame([row]).astype(OPTIONAL).to_parquet(tmp_path / "episodes.parquet")
+    pd.DataFrame([row]).astype(OPTIONAL).to_parquet(folder / "episodes.parquet")
+    return CauseVideosConfig(episodes=str(folder), output_dir=str(folder / "out"))
+
+
+def test_a_row_that_fails_otherwise_when_it_is_played_again_is_refused(stored, tmp_path, unseen):
     with pytest.raises(SettingError, match="failed by block_tipped and, replayed, by outer_reach"):
-        main(CauseVideosConfig(episodes=str(tmp_path), output_dir=str(tmp_path / "out")))
+        main(edited(stored, tmp_path, failure_cause="block_tipped"))
+    assert not list(tmp_path.rglob("*.webp"))
+
+
+def test_one_that_was_rounded_otherwise_is_left_out(stored, tmp_path, unseen, capsys):
+    main(edited(stored, tmp_path, failure_cause="block_tipped", arithmetic="0badf00d"))
+    assert "block_tipped: ur3, embodied" in capsys.readouterr().out and not list(tmp_path.rglob("*.webp"))
+    before, table = (tmp_path / "out" / "causes.md").read_text().split("| cause")
+    assert "`block_tipped`" in before and "block_tipped" not in table
 
 
 def test_without_failed_episodes_the_way_out_is_said(tmp_path):
@@ -81,13 +100,18 @@ def test_what_replays_everywhere_comes_first_then_direct_transfer_on_target_arms
             row(0, "time_out", entry_hash="abc"),
             row(0, "time_out", checkpoint_hash="of a policy that is not here"),
             row(0, "block_tipped", code_version="v0"),
+            *(row(seed, "joint_limit") for seed in (7, 5, 8, 6)),
         ]
     )
     chosen = examples(failed, "v1", {"abc"})
     assert {(each.failure_cause, each.episode_seed) for each in chosen.itertuples()} == {
         ("dithering", 9),
         ("time_out", 3),
+        ("dithering", 2),
+        ("dithering", 1),
         ("pushed_through", 6),
+        *(("joint_limit", seed) for seed in (5, 6, 7)),
     }
-    text = markdown(chosen, failed.failure_cause.value_counts())
+    assert chosen.drop_duplicates("failure_cause").episode_seed.tolist() == [6, 5, 9, 3]
+    text = markdown(chosen.drop_duplicates("failure_cause").to_dict("records"), failed.failure_cause.value_counts())
     assert "| `dithering` | 4 | ur10" in text and "`block_tipped`" in text.split("| cause")[0]
