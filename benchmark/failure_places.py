@@ -82,7 +82,8 @@ def main(config: FailurePlacesConfig) -> None:
         ends = ends_of(rows[rows.method == "direct"], arm, energy, distance)
         tables.append(by_cause(ends).assign(**about))
         drawn.append((arm, energy, ends))
-        curve = counted(rows[rows.method.isin(["direct", "paper"])], PAPER, shipped())
+        of_field = (rows.method == "paper") & (rows.cell_size == config.map.cell_size)
+        curve = counted(rows[(rows.method == "direct") | of_field], PAPER, shipped())
         if curve["lambda"].nunique() > 1:
             scaled = ends_of(curve, arm, energy, distance).assign(scale=curve["lambda"].to_numpy())
             curves.append(along_scale(scaled).assign(**about))
