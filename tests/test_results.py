@@ -76,11 +76,8 @@ def test_differences_are_taken_on_the_seeds_that_both_have():
 
 def test_a_row_keeps_its_hash_on_its_way_through_files(tmp_path):
     """Also beside rows with other empty columns, beside a column that came later, and as plain values."""
-    stored = [
-        episode(100_001),
-        episode(100_002, p2=False),
-        episode(100_003, condition=dataclasses.replace(CONDITION, cell_size=0.05)),
-    ]
+    guided = dataclasses.replace(CONDITION, method="paper", guidance_scale=0.5, field_fingerprint="f", cell_size=0.05)
+    stored = [episode(100_001), episode(100_002, p2=False), episode(100_003, condition=guided)]
     for each in stored:
         store_episodes(tmp_path / "a", [each])
     table = read_all_episodes(tmp_path)

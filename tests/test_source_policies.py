@@ -24,6 +24,7 @@ def candidates(folder, *scores):
         path = folder / f"seed42-step{i}"
         path.mkdir()
         (path / "model.safetensors").write_bytes(bytes([i]))
+        (path / "config.json").write_text("{}")
         (path / "README.md").write_text(f"# Source policy `{path.name}`\n")
         rows.append(
             {"seed": 42, "step": i, "path": path, "hash": str(i), "n": 10, "length": length, "p1": 1.0, "p2": p2}
