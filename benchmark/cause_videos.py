@@ -67,7 +67,7 @@ def main(config: CauseVideosConfig) -> None:
         for row in rows.to_dict("records"):
             rollout = row_rollout(row, ReplayConfig(table=config.episodes, workers=config.workers), console)
             try:
-                film(rollout, row, file)
+                film(rollout, row, file, config.episodes)
             except SettingError as error:
                 if not stored_otherwise(row):
                     raise
@@ -81,8 +81,8 @@ def main(config: CauseVideosConfig) -> None:
     console.print(f"Table: {output_dir / 'causes.md'}", soft_wrap=True)
 
 
-def film(rollout: "Rollout", row: "Mapping[str, Any]", file: Path) -> None:
-    """Play a row's episode and write it as a moving picture.
+def film(rollout: "Rollout", row: "Mapping[str, Any]", file: Path, table: str) -> None:
+    """Play the episode of a row of this table and write it as a moving picture.
 
     Raises:
         SettingError: If it then fails by something else, or not at all; nothing is written.
@@ -95,7 +95,7 @@ def film(rollout: "Rollout", row: "Mapping[str, Any]", file: Path) -> None:
         if outcome.failure_cause != row["failure_cause"]:
             raise SettingError(
                 f"{row_name(row)} failed by {row['failure_cause']} and, replayed, by {outcome.failure_cause}. See what "
-                f"else differs: python -m benchmark.replay table=<its table> row={row['row_hash']}"
+                f"else differs: python -m benchmark.replay table={table} row={row['row_hash']}"
             )
 
 

@@ -154,14 +154,10 @@ def transfer_fields(arm: "ArmSetting", config: PredictionConfig, console: "Conso
     target = robot_map(description, arm.base, config.map, config.workers, console)
     similar = similarity(source, target, arm.base, config.energy.scales)
     distance, _ = feasibility_field(arm, console)
-
-    def raised(xy: np.ndarray) -> np.ndarray:
-        return np.insert(xy, 2, HEIGHT, axis=1)
-
     return TransferFields(
-        energy=lambda xy: energy.value_and_gradient(raised(xy))[0],
-        mmd=lambda xy: similar.mmd[similar.grid.cells_of(raised(xy))],
-        infeasible=lambda xy: (distance.value_and_gradient(raised(xy))[0] > 0).astype(float),
+        energy=lambda xy: energy.value_and_gradient(np.insert(xy, 2, HEIGHT, axis=1))[0],
+        mmd=lambda xy: similar.mmd[similar.grid.cells_of(np.insert(xy, 2, HEIGHT, axis=1))],
+        infeasible=lambda xy: (distance.value_and_gradient(np.insert(xy, 2, HEIGHT, axis=1))[0] > 0).astype(float),
     )
 
 
