@@ -3,9 +3,11 @@
 import importlib.util
 import inspect
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.machinery import SOURCE_SUFFIXES, FileFinder, SourceFileLoader
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from benchmark.command import SettingError
 
@@ -40,10 +42,12 @@ class GuidanceClass:
 
         if not self.file.is_file():
             raise SettingError(f"There is no {self.file}, which should hold the guidance {self.name}.")
-        folder = str(self.file.parent.resolve())
-        if folder not in sys.path:
-            sys.path.append(folder)  # It may import what lies beside it.
-        spec = importlib.util.spec_from_file_location(f"guidance_{self.file.stem}", self.file)
+        folder = self.file.parent.resolve()
+        if str(folder) not in sys.path:
+            sys.path_hooks.insert(0, _finder_below(folder))
+            sys.path.append(str(folder))  # It may import what lies beside it.
+        loader = _FromSource(f"guidance_{self.file.stem}", str(self.file))
+        spec = importlib.util.spec_from_loader(loader.name, loader)
         module = importlib.util.module_from_spec(spec)
         sys.modules[spec.name] = module  # Dataclasses look their module up there.
         spec.loader.exec_module(module)
@@ -52,6 +56,25 @@ class GuidanceClass:
             raise SettingError(f"{self.file} has no class {self.name} that is a policies.guidance.Guidance.")
         theirs = found(EnergyField.load(field) if field else None, scale, base, seed)
         return _checked(theirs, f"{self.file}: {self.name}")
+
+
+class _FromSource(SourceFileLoader):
+    """Compiles an entry's files, which are hashed: Python's own beside them are not, and may hold other code."""
+
+    def path_stats(self, path: str) -> NoReturn:
+        """Without which Python neither reads such a file nor writes one."""
+        raise OSError(f"{path} is always compiled.")
+
+
+def _finder_below(folder: Path) -> Callable[[str], FileFinder]:
+    """A path hook by which modules in a folder and below it are found by their source alone."""
+
+    def finder(path: str) -> FileFinder:
+        if not Path(path).resolve().is_relative_to(folder):
+            raise ImportError(f"{path} is no folder of the entry.")
+        return FileFinder(path, (_FromSource, SOURCE_SUFFIXES))
+
+    return finder
 
 
 def _checked(theirs: "Guidance", where: str) -> "Guidance":

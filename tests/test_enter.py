@@ -1,7 +1,9 @@
 """Somebody else's entry: evaluated by one command, and the tables that are sent with one."""
 
+import py_compile
 import re
 import shutil
+import sys
 from dataclasses import fields
 from pathlib import Path
 
@@ -253,6 +255,23 @@ def test_a_class_may_import_what_lies_beside_it_and_be_a_dataclass(tmp_path):
     )
     guidance = GuidanceClass(tmp_path / "theirs.py", "Theirs").make(3.0, None, (0.0, 0.0), 0)
     assert (guidance.correct(torch.ones(3, 4, 2), torch.zeros(3, 4)) == 1.5).all()
+
+
+def test_what_runs_is_the_source_that_is_hashed_and_not_bytecode_beside_it(tmp_path):
+    """Python trusts unchecked bytecode whatever the source says."""
+    (tmp_path / "parts").mkdir()
+    lines = ["SHOWN = True", "import aside, parts", "from policies.guidance import Guidance", "class Ours(Guidance):"]
+    sources = {
+        "ours.py": "\n".join([*lines, "    def __init__(self, *_): pass"]),
+        "aside.py": "SHOWN = True",
+        "parts/__init__.py": "SHOWN = True",
+    }
+    for name, source in sources.items():
+        (tmp_path / name).write_text(source.replace("True", "False"))
+        py_compile.compile(tmp_path / name, invalidation_mode=py_compile.PycInvalidationMode.UNCHECKED_HASH)
+        (tmp_path / name).write_text(source)
+    GuidanceClass(tmp_path / "ours.py", "Ours").make(1.0, None, (0.0, 0.0), 0)
+    assert [sys.modules[name].SHOWN for name in ("guidance_ours", "aside", "parts")] == [True] * 3
 
 
 def test_nobody_overwrites_somebody_elses_entry(entry, entered):
