@@ -127,18 +127,18 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     from benchmark.trusted_rows import read_trusted
 
     folder = Path(run.output_dir)
-    if folder.resolve() == entry.folder.resolve():
+    if folder.resolve().is_relative_to(entry.folder.resolve()):
         raise SettingError(
-            f"entry={entry.folder} is the folder that its episodes go to, where they would become part of the entry. "
+            f"The episodes of entry={entry.folder} would go to {folder}, where they would become part of the entry. "
             "Keep the entry elsewhere, or give another output_dir."
         )
     _check_author(entry, folder)
     with replacing(folder / "entry.yaml") as path:
         shutil.copyfile(entry.folder / "entry.yaml", path)
-    if dropped := drop_outdated(folder, rollouts[0].condition):
-        console.print(f"{dropped} rows that other files of the entry or older code made are dropped and run again.")
     read_trusted(folder / "episodes.parquet")  # Edited rows are not gone on with.
     tables = run_and_store_all(rollouts, run, entry.about.name, console)
+    if dropped := drop_outdated(folder, rollouts[0].condition):
+        console.print(f"{dropped} rows of these episodes by other files of the entry or older code are dropped.")
     for row in (by_condition(table).iloc[0] for table in tables):
         scores = ", ".join(f"{name} {with_interval(row, name)}" for name in SCORES)
         console.print(f"{row.robot}, {row.setting}, {row.checkpoint}, n = {row.n}: {scores}", soft_wrap=True)
@@ -167,13 +167,16 @@ def _check_author(entry: Entry, folder: Path) -> None:
 
 def check(config: EnterConfig, rollouts: "Sequence[Rollout]", console: "Console") -> None:
     """Say why the table is refused, and end with status 1, or that it is accepted."""
+    import numpy as np
+
     from benchmark.rollout import roll_out_all
     from benchmark.trusted_rows import read_trusted
 
     table = read_trusted(Path(config.table))
     refused = list(refusals(table, rollouts, range(FIRST_TEST_SEED, FIRST_TEST_SEED + config.episodes)))
     if not refused:
-        sample = table if config.replays is None else table.sample(min(config.replays, len(table)))
+        chance = np.random.default_rng()  # The operating system's: the entry's code could seed NumPy's own.
+        sample = table if config.replays is None else table.sample(min(config.replays, len(table)), random_state=chance)
         seeds: dict[Rollout, list[int]] = {}
         for row in sample.to_dict("records"):
             seeds.setdefault(rollouts[nearest(row, rollouts)[0]], []).append(row["episode_seed"])

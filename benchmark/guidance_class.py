@@ -3,7 +3,6 @@
 import importlib.util
 import inspect
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.machinery import SOURCE_SUFFIXES, FileFinder, SourceFileLoader
 from pathlib import Path
@@ -43,8 +42,9 @@ class GuidanceClass:
         if not self.file.is_file():
             raise SettingError(f"There is no {self.file}, which should hold the guidance {self.name}.")
         folder = self.file.parent.resolve()
-        if str(folder) not in sys.path:
-            sys.path_hooks.insert(0, _finder_below(folder))
+        if not any(isinstance(hook, _FinderBelow) and hook.folder == folder for hook in sys.path_hooks):
+            sys.path_hooks.insert(0, _FinderBelow(folder))
+            sys.path_importer_cache.clear()  # Of finders that were there before, for folders of the entry.
             sys.path.append(str(folder))  # It may import what lies beside it.
         loader = _FromSource(f"guidance_{self.file.stem}", str(self.file))
         spec = importlib.util.spec_from_loader(loader.name, loader)
@@ -66,15 +66,16 @@ class _FromSource(SourceFileLoader):
         raise OSError(f"{path} is always compiled.")
 
 
-def _finder_below(folder: Path) -> Callable[[str], FileFinder]:
+@dataclass(frozen=True)
+class _FinderBelow:
     """A path hook by which modules in a folder and below it are found by their source alone."""
 
-    def finder(path: str) -> FileFinder:
-        if not Path(path).resolve().is_relative_to(folder):
+    folder: Path
+
+    def __call__(self, path: str) -> FileFinder:
+        if not Path(path).resolve().is_relative_to(self.folder):
             raise ImportError(f"{path} is no folder of the entry.")
         return FileFinder(path, (_FromSource, SOURCE_SUFFIXES))
-
-    return finder
 
 
 def _checked(theirs: "Guidance", where: str) -> "Guidance":

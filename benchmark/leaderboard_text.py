@@ -25,9 +25,9 @@ HOW_TO_READ = """- **Episodes**: test seeds from 100000 on, by which nothing was
 - **Scores**, in percent: `score` is 0.49 for some block in a target and 1 for both; `p2` is both in different targets
   at one moment; `success_at_end` is both still there one second later.
 - **[ ]** are 95 % intervals for other trainings and other episodes: a bootstrap of training seeds crossed with episode
-  seeds (Owen & Eckles 2012), with Student's t since trainings are few. With one training they are for other episodes
-  alone. With few episodes they are wide also where all agree, since other scenes may be harder. Those of single
-  policies and of oracles are Wilson's.
+  seeds (Owen & Eckles 2012; all draws at once, in closed form), with Student's t since trainings are few. With one
+  training they are for other episodes alone. With few episodes they are wide also where all agree, since other scenes
+  may be harder. Those of single policies and of oracles are Wilson's.
 - **Difference** is that to direct transfer, same policies, same episodes, in points; of an entry with a policy of its
   own, that to each of ours. Its interval is for other trainings as well. Its p is for these trainings alone: of all
   flips of the sign of whole episodes, which for one training and a rate is the exact McNemar test; *Holm* is adjusted
@@ -35,8 +35,9 @@ HOW_TO_READ = """- **Episodes**: test seeds from 100000 on, by which nothing was
 - **Reference** and **ceiling** are the scripted oracle that knows nothing of the arm and the one that does, on test
   seeds, by the same code. A policy may beat either.
 - **Failed by cause**: an episode failed if it never had p2. What rolled out of a target later has no cause.
-- **n** counts episodes, of all policies; * marks a row that lacks policies or episodes of the protocol, and so comes
-  last. *(entry)*: evaluated by `benchmark.enter`. A dash: not measured.
+- **n** counts episodes, of all policies; * marks a row that lacks policies or episodes of the protocol, or some of
+  direct transfer's that it is compared with, and so comes last. *(entry)*: evaluated by `benchmark.enter`. A dash: not
+  measured.
 - **What counts**: rows of a protocol's settings, episodes and batches, by policies that ship with the project and
   learned so, or by entries, which stand beside the usual policies. Other code versions have sections, and Holm
   families, of their own; those that were shown to give the same episodes, but for how they are rounded, go by one name
@@ -104,7 +105,7 @@ def beside_the_paper(table: pd.DataFrame) -> pd.DataFrame:
         published = TABLE_3[robot]
         rows.append(
             {
-                "arm": robot,
+                "arm": ", ".join([robot, *setting_text(of_arm.iloc[0]).split(", ")[1:]]),
                 "direct: paper": _published(published.direct),
                 "direct: ours": ", ".join(_mean_and_range(row) for _, row in direct.iterrows()) or "-",
                 "guided: paper": _published(published.guided),

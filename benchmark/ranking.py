@@ -71,7 +71,8 @@ def counted_by_any(episodes: "pd.DataFrame", ours: set[str]) -> "pd.DataFrame":
 def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
     """One row per arm and method, over all policies: scores, differences to direct transfer, what changed, causes.
 
-    Rows that lack episodes or policies come last on their arm: what is missing may be what failed.
+    Rows that lack episodes or policies, or some of those of direct transfer that they are compared with, come last on
+    their arm: what is missing may be what failed. So do those of an entry that has some of our policies and others.
 
     For each score and each of `MECHANISM` there is its mean (the column of its name), `_low` and `_high`, its
     difference to direct transfer on the same episodes of the same policies (of ours, where an entry has its own),
@@ -98,7 +99,8 @@ def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
         for _, group in on_arm.groupby([*GUIDANCE, *SAMPLING], dropna=False):
             foreign = bool(group.entry_hash.iloc[0]) and not group.checkpoint_hash.isin(ours).any()
             direct = _direct(on_arm, group, foreign)
-            rows.append(_row(group, direct, protocol, foreign) | _to_usual_arm(episodes, group, protocol))
+            row = _row(group, direct, protocol, foreign) | _to_usual_arm(episodes, group, protocol)
+            rows.append(row | {"complete": row["complete"] and (foreign or group.checkpoint_hash.isin(ours).all())})
     table = pd.DataFrame(rows)
     for score in protocol.scores:
         table[f"{score}_holm"] = table.groupby(["setting", "code_version"])[f"{score}_p"].transform(holm)
@@ -165,19 +167,20 @@ def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol, fore
             f"{first['lambda']:g}: {', '.join(x[:12] for x in group.checkpoint_hash.unique())}. "
             "Move the episodes.parquet of one of them away."
         )
-    policies = group.checkpoint.nunique() if foreign else protocol.policies
     row = first[[*ARM, *GUIDANCE, *SAMPLING, "code_version"]].to_dict() | {
         "entry": bool(first.entry_hash),
         "commits": sorted(group.commit.unique()),
         "n": len(group),
         "rounded_as": group.arithmetic.fillna("unknown").value_counts().to_dict(),
         "episodes": group.episode_seed.nunique(),
-        "complete": len(group) == protocol.episodes * policies,
         "trainings": group.training.nunique(),
         "causes": group.failure_cause.dropna().value_counts().to_dict(),
     }
     of_pair = ["episode_seed"] if foreign else ["checkpoint_hash", "episode_seed"]
     pairs = group.merge(direct, on=of_pair, suffixes=("", "_direct")).assign(training=lambda pair: pair.training_direct)
+    policies, with_each = (group.checkpoint.nunique(), protocol.policies) if foreign else (protocol.policies, 1)
+    whole = len(group) == protocol.episodes * policies
+    row["complete"] = whole and len(pairs) in (0, with_each * len(group))
     for name in (*protocol.scores, *MECHANISM):
         extra = {"extra": ()} if name.startswith("share_") else {}
         row |= _named(name, clustered_mean(_crossed(group, group[name]), **extra))

@@ -13,6 +13,7 @@ from filelock import FileLock
 from pyarrow import ArrowInvalid
 from pyarrow.parquet import read_schema
 
+from benchmark.arm import ARM
 from benchmark.command import SettingError
 from benchmark.outputs import replacing
 from envs.outcome import EpisodeOutcome
@@ -172,12 +173,13 @@ def store_episodes(output_dir: Path, episodes: list[Episode]) -> None:
 
 
 def drop_outdated(output_dir: Path, condition: Condition) -> int:
-    """Remove the rows that other code, or other files of an entry, made than a condition's; gives their number."""
-    if not (output_dir / "episodes.parquet").exists():
-        return 0
+    """Remove the rows that other code, or other files of an entry, made than a condition's, where an arm has that
+    episode by these; gives their number."""
     with FileLock(output_dir / ".episodes.lock"):
         table, row = read_episodes(output_dir), condition.row()
-        kept = table[(table[PRODUCER] == [row[name] for name in PRODUCER]).all(axis=1)]
+        present = (table[PRODUCER] == [row[name] for name in PRODUCER]).all(axis=1)
+        scene = pd.MultiIndex.from_frame(table[[*ARM, "episode_seed"]])
+        kept = table[present | ~scene.isin(scene[present])]
         with replacing(output_dir / "episodes.parquet") as path:
             kept.to_parquet(path, index=False)
     return len(table) - len(kept)

@@ -77,13 +77,16 @@ def read_trusted(file: Path, first_seed: int = 0) -> pd.DataFrame:
     if missing or table.row_hash.isna().any():
         lacks = ", ".join(sorted(missing)) or "row_hash in some rows"
         raise SettingError(f"{file} was stored by older code: it lacks {lacks}. Run its command again.")
+    table = table.drop(columns=[name for name in {*table} - COLUMNS if table[name].isna().all()])  # Of later code.
+    if strange := {*table} - COLUMNS:
+        raise SettingError(f"{file} has columns that no rollout stores: {', '.join(sorted(strange))}. Remove them.")
     for number, row in zip(table.index, table.to_dict("records"), strict=True):
         if row_hash(row) != row["row_hash"]:
             raise SettingError(
                 f"{file}, row {number} ({row_name(row)}) is not as it was stored: its row_hash does not fit. "
                 "Remove it and run it again."
             )
-    for name in COLUMNS & {*table} - {"row_hash"}:
+    for name in {*table} - {"row_hash"}:
         _check_type(table, name, file)
     for said, wrong in contradictions(table).items():
         if wrong.any():
@@ -104,6 +107,10 @@ def contradictions(table: pd.DataFrame) -> dict[str, pd.Series]:
     known = {"robot": TASK_ARMS, "setting": SETTINGS, "device": ("cpu", "cuda"), "failure_cause": CAUSES}
     return {f"its {name} is none of {', '.join(of)}": ~table[name].isin([*of, None]) for name, of in known.items()} | {
         "its method is one of ours and it has an entry_hash, or neither": (by_policy | oracle) == entry,
+        "its commit is none of Git's": ~table.commit.str.fullmatch(r"([0-9a-f]{7,40}\+?)?"),
+        "its joint_limits are not those of its setting": table.joint_limits == (table.setting == "original"),
+        "it has a sampler without sampling_steps, or the other way round": (table.sampler != "none")
+        != (table.sampling_steps > 0),
         "its lambda is no number": ~np.isfinite(table["lambda"]),
         "its lambda is not 0 without guidance, or not above 0 with it": ~entry
         & np.where(by_policy & (table.method != "direct"), table["lambda"] <= 0, table["lambda"] != 0),
@@ -112,7 +119,6 @@ def contradictions(table: pd.DataFrame) -> dict[str, pd.Series]:
         != has_field,
         "it is a scripted oracle's, and has a policy, or a batch": oracle
         & ((table.checkpoint_hash != "") | (table.sampler != "none") | (table.batch_shape != 1)),
-        f"it is longer than {MAX_EPISODE_STEPS} steps": table.length > MAX_EPISODE_STEPS,
         "its slot is not its seed modulo batch_shape": table.slot != table.episode_seed % table.batch_shape.clip(1),
         "its mode is not that of its seed's scene": table["mode"] != table.episode_seed.map(_mode),
         "its score does not follow from p1 and p2": table.score != score,
@@ -125,6 +131,8 @@ def contradictions(table: pd.DataFrame) -> dict[str, pd.Series]:
         "its paths are not of its length": (
             (table.path_x.map(len) != table.length) | (table.path_y.map(len) != table.length) | (table.length < 1)
         ),
+        f"it is longer than {MAX_EPISODE_STEPS} steps, or shorter without p2": (table.length > MAX_EPISODE_STEPS)
+        | (~table.p2 & (table.length < MAX_EPISODE_STEPS)),
         "a share is not within 0 to 1": ~((shares >= 0) & (shares <= 1)).all(axis=1),
     }
 
@@ -147,3 +155,5 @@ def _check_type(table: pd.DataFrame, name: str, file: Path) -> None:
     }.get(kind, lambda values: values.map(np.ndim).eq(1).all())
     if not fits(values):
         raise SettingError(f"{file}: {name} holds {values.dtype}, such as {values.iloc[0]!r}. It should hold {hint}.")
+    if values.isna().any() and not optional and name != "cell_size":
+        raise SettingError(f"{file}: {name} holds nothing in row {values[values.isna()].index[0]}.")

@@ -51,7 +51,7 @@ def transfer_episodes():
     rng = np.random.default_rng(0)
     about = dict(
         base="0 0 0", branch="out", orientation_weight=1.0, sampler="DDIM", sampling_steps=10, device="cpu",
-        code_version="v1", commit="c1",
+        code_version="v1", commit="c1c1c1c",
     )  # fmt: skip
     nothing = {f.name: 0.0 for f in dataclasses.fields(EpisodeOutcome)}
     causes = ["outer_reach", "pushed_through", "dithering"]
@@ -69,10 +69,11 @@ def transfer_episodes():
             )  # fmt: skip
             for seed in seeds:
                 p1, p2 = sorted(rng.random(2) < rate, reverse=True)
+                length = 3 if p2 else 350
                 outcome = EpisodeOutcome(**nothing | dict(
-                    score=0.49 * p1 + 0.51 * p2, p1=bool(p1), p2=bool(p2), length=3,
+                    score=0.49 * p1 + 0.51 * p2, p1=bool(p1), p2=bool(p2), length=length,
                     success_at_end=bool(p2 and rng.random() < 0.9),
-                    mode=draw_scene(seed).mode, path_x=(400, 410, 420), path_y=(-200, -190, -180),
+                    mode=draw_scene(seed).mode, path_x=(400,) * length, path_y=(-200,) * length,
                     first_block=int(rng.integers(2)) if p1 else None, first_entry_s=5.0 if p1 else None,
                     first_target=str(rng.choice(["near", "far"])) if p1 else None,
                     failure_cause=None if p2 else str(rng.choice(causes)), share_near_base=float(rng.random() / 10),

@@ -1,5 +1,6 @@
 """Somebody else's entry: evaluated by one command, and the tables that are sent with one."""
 
+import importlib.util
 import py_compile
 import re
 import shutil
@@ -7,6 +8,7 @@ import sys
 from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 import torch
@@ -63,8 +65,9 @@ def test_what_could_change_unseen_is_no_part_of_an_entry(tmp_path):
 
 def test_an_entry_does_not_hold_its_own_episodes(tmp_path):
     folder = write_entry(tmp_path / "mine", name="mine", scale=1.0)
-    with pytest.raises(SettingError, match="the folder that its episodes go to"):
-        enter.main(settings(folder, tmp_path))
+    for output in (tmp_path, folder, folder / "rows"):
+        with pytest.raises(SettingError, match="where they would become part of the entry"):
+            enter.main(settings(folder, output))
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +127,10 @@ def edit(number, **values):
             ],
         ),
         (edit(2, code_version="0123"), [r"row 2 .*episode 100002\): code_version is 0123, not "]),
-        (edit(0, setting="original", self_collision=False), [r"row 0 .*setting is original, not embodied"]),
+        (
+            edit(0, setting="original", self_collision=False, joint_limits=False),
+            [r"row 0 .*setting is original, not embodied"],
+        ),
         (edit(0, entry_hash="0123"), [r"row 0 .*entry_hash is 0123, not "]),
         (
             edit(1, episode_seed=100_000, slot=1, mode=draw_scene(100_000).mode),
@@ -162,6 +168,22 @@ def test_an_edited_number_is_refused(entry, entered, tmp_path, capsys):
     assert re.search("Refused: .*episode 100001, replayed: success_at_end is False, not True", capsys.readouterr().out)
 
 
+def test_which_rows_are_replayed_the_entry_does_not_decide(entry, entered, tmp_path, monkeypatch):
+    """Its file is run before, and may seed NumPy as many do."""
+    drawn = []
+
+    def roll_out_all(wanted, workers):
+        drawn.extend(seed for _, seeds in wanted for seed in seeds)
+        return []
+
+    monkeypatch.setattr(rollout, "roll_out_all", roll_out_all)
+    table = sent(entered, tmp_path, lambda rows: rows)
+    for _ in range(16):
+        np.random.seed(0)
+        enter.main(settings(entry, tmp_path, table=table, replays=1))
+    assert len(drawn) == 16 and len({*drawn}) > 1
+
+
 def test_an_edited_row_is_not_gone_on_with(entry, entered, tmp_path):
     file = sent(entered, tmp_path, edit(1, success_at_end=False), sign=False)
     (tmp_path / "mine").mkdir()
@@ -192,10 +214,15 @@ def test_a_changed_entry_is_run_again_and_nothing_else(entry, entered, tmp_path,
     (other / "guidance.py").write_text((other / "guidance.py").read_text() + "# Better.\n")
     enter.main(settings(other, tmp_path))
     assert ran[:3] == SEEDS == sorted(ran[3:])  # and once more, each alone
-    assert "3 rows that other files of the entry or older code made are dropped" in " ".join(
-        capsys.readouterr().out.split()
-    )
+    assert "dropped" not in capsys.readouterr().out  # Each row took the place of the one before.
     assert {*read_episodes(tmp_path / "mine").entry_hash} == {Entry.load(other).files_hash}
+    about = (other / "entry.yaml").read_text()
+    (other / "entry.yaml").write_text(about.replace("scale: 1.0", "scale: 2.0"))
+    enter.main(settings(other, tmp_path, episodes=2))
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "2 rows of these episodes by other files of the entry or older code are dropped" in shown
+    kept = read_episodes(tmp_path / "mine").set_index("episode_seed")["lambda"]
+    assert kept.to_dict() == dict(zip(SEEDS, (2.0, 2.0, 1.0), strict=True))  # What is not made again stays.
 
 
 def test_an_entry_that_is_random_by_itself_is_refused(tmp_path):
@@ -257,7 +284,8 @@ def test_a_class_may_import_what_lies_beside_it_and_be_a_dataclass(tmp_path):
     assert (guidance.correct(torch.ones(3, 4, 2), torch.zeros(3, 4)) == 1.5).all()
 
 
-def test_what_runs_is_the_source_that_is_hashed_and_not_bytecode_beside_it(tmp_path):
+@pytest.mark.parametrize("there", [False, True], ids=["", "its folder is on Python's path"])
+def test_what_runs_is_the_source_that_is_hashed_and_not_bytecode_beside_it(tmp_path, monkeypatch, there):
     """Python trusts unchecked bytecode whatever the source says."""
     (tmp_path / "parts").mkdir()
     lines = ["SHOWN = True", "import aside, parts", "from policies.guidance import Guidance", "class Ours(Guidance):"]
@@ -270,6 +298,11 @@ def test_what_runs_is_the_source_that_is_hashed_and_not_bytecode_beside_it(tmp_p
         (tmp_path / name).write_text(source.replace("True", "False"))
         py_compile.compile(tmp_path / name, invalidation_mode=py_compile.PycInvalidationMode.UNCHECKED_HASH)
         (tmp_path / name).write_text(source)
+    if there:
+        monkeypatch.syspath_prepend(tmp_path)
+        importlib.util.find_spec("aside")  # Now the folder's own finder is cached.
+    for name in ("aside", "parts"):
+        sys.modules.pop(name, None)
     GuidanceClass(tmp_path / "ours.py", "Ours").make(1.0, None, (0.0, 0.0), 0)
     assert [sys.modules[name].SHOWN for name in ("guidance_ours", "aside", "parts")] == [True] * 3
 

@@ -165,6 +165,10 @@ def test_an_entry_that_lacks_some_of_our_policies_or_episodes_is_incomplete_and_
         assert table.method.tolist() == (["mine", "direct"] if lacking == "nothing" else ["direct", "mine"]), lacking
     own = entry[entry.checkpoint == "seed42-1"].assign(checkpoint_hash="its own", checkpoint="p")
     assert leaderboard(pd.concat([rows, own]), STRICT).complete.all()  # One policy of its own is all it has.
+    mixed = pd.concat([rows, entry[entry.checkpoint != "seed42-1"], own])
+    assert leaderboard(mixed, STRICT).set_index("method").complete.to_dict() == {"direct": True, "mine": False}
+    fewer = pd.concat([rows[rows.checkpoint == "seed42-1"], entry, rows.assign(setting="best")])
+    assert not leaderboard(fewer, STRICT).query("setting == 'embodied'").complete.any()  # Compared on a third alone.
 
 
 @pytest.mark.parametrize("sampling", [{}, {"sampler": "none", "sampling_steps": 0}])

@@ -116,7 +116,22 @@ def test_with_one_training_the_interval_is_students_over_episodes():
     values = np.random.default_rng(3).normal(0.5, 0.1, (1, 200))
     mean, low, high = clustered_mean(crossed(values), extra=())
     expected = t.interval(0.95, 199, values.mean(), sem(values[0]))
-    assert mean == pytest.approx(values.mean()) and (low, high) == pytest.approx(expected, abs=0.05 * (high - low))
+    assert mean == pytest.approx(values.mean()) and (low, high) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.2])
+def test_the_interval_is_that_of_a_bootstrap_of_trainings_and_episodes(missing):
+    """Drawn, with a normal quantile: exactly so where nothing is missing."""
+    rng, trainings, episodes = np.random.default_rng(8), 12, 80
+    values = (rng.random((trainings, episodes)) < rng.random((trainings, 1))).astype(float)
+    values[rng.random(values.shape) < missing] = np.nan
+    weights = [rng.multinomial(n - 1, np.full(n, 1 / n), 100_000) for n in (trainings, episodes)]
+    total, weight = (np.einsum("bi,ij,bj->b", weights[0], part, weights[1], optimize=True)
+                     for part in (np.nan_to_num(values), ~np.isnan(values)))  # fmt: skip
+    mean, low, high = clustered_mean(crossed(values), extra=())
+    assert mean == pytest.approx(np.nanmean(values)) == (low + high) / 2
+    deviation = (high - low) / 2 / t.ppf(0.975, trainings)  # Trainings differ by far the most.
+    assert deviation == pytest.approx(np.std(total / weight), rel=0.02)
 
 
 def test_more_trainings_that_agree_narrow_the_interval_and_missing_cells_do_no_harm():

@@ -62,7 +62,7 @@ def signed(folder, **values):
     ("values", "message"),
     [
         ({"score": 7.0}, "score does not follow"),
-        ({"score": float("nan")}, "score does not follow"),
+        ({"score": float("nan")}, "score holds nothing in row 1"),
         ({"mode": 7}, "mode is not that of its seed's scene"),
         ({"p2": False}, "score does not follow"),
         ({"p1": False}, "p2 without p1"),
@@ -78,14 +78,19 @@ def signed(folder, **values):
         ({"field_fingerprint": "beef"}, "field_fingerprint without a cell_size"),
         ({"method": "aware_oracle"}, "scripted oracle's, and has a policy"),
         (
-            {"method": "aware_oracle", "checkpoint_hash": "", "sampler": "none"},
+            {"method": "aware_oracle", "checkpoint_hash": "", "sampler": "none", "sampling_steps": 0},
             "scripted oracle's, and has a policy, or",
         ),
         ({"method": "aware_oracle", "checkpoint_hash": "", "entry_hash": "beef"}, "method is one of ours and"),
         ({"length": 351, "path_x": (1,) * 351, "path_y": (1,) * 351}, "longer than 350 steps"),
+        ({"score": 0.49, "p2": False, "success_at_end": False, "failure_cause": "dithering"}, "or shorter without p2"),
+        ({"joint_limits": False}, "joint_limits are not those of its setting"),
+        ({"sampling_steps": -7}, "sampler without sampling_steps"),
+        ({"commit": "</td>"}, "commit is none of Git's"),
+        ({"p2_direct": True}, "has columns that no rollout stores: p2_direct"),
         ({"failure_cause": "dithering"}, "p2 and a failure_cause"),
         ({"first_block": None}, "first_block"),
-        ({"lambda": float("nan")}, "lambda is no number"),
+        ({"lambda": float("inf")}, "lambda is no number"),
         ({"slot": 7}, "slot is not"),
         ({"length": 4}, "paths are not of its length"),
         ({"share_near_base": 5.0}, "share is not within"),
@@ -119,10 +124,22 @@ def test_a_column_of_another_type_is_refused(tmp_path, name):
         read_trusted(tmp_path / "episodes.parquet", 100_000)
 
 
+@pytest.mark.parametrize(("name", "kind"), [("slot", "Int64"), ("length", "Int64"), ("p2", "boolean")])
+def test_a_column_that_holds_nothing_where_it_has_to_is_refused(tmp_path, name, kind):
+    """What is compared with nothing is neither the same nor another."""
+    signed(tmp_path)
+    table = read_episodes(tmp_path).astype({name: kind})
+    table.loc[1, name] = pd.NA
+    table["row_hash"] = [row_hash(row) for row in table.to_dict("records")]
+    table.to_parquet(tmp_path / "episodes.parquet")
+    with pytest.raises(SettingError, match=f"{name} holds nothing in row 1"):
+        read_all_episodes(tmp_path)
+
+
 def test_an_episode_in_two_files_counts_once_unless_they_contradict_each_other(tmp_path):
     store_episodes(tmp_path / "a", [episode(100_001), episode(100_002)])
     store_episodes(
-        tmp_path / "b", [episode(100_002, condition=dataclasses.replace(CONDITION, commit="c2")), episode(100_003)]
+        tmp_path / "b", [episode(100_002, condition=dataclasses.replace(CONDITION, commit="c2c2c2c")), episode(100_003)]
     )
     assert sorted(read_all_episodes(tmp_path).episode_seed) == [100_001, 100_002, 100_003]
     store_episodes(tmp_path / "c", [episode(100_002, p2=False)])
