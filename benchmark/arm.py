@@ -61,6 +61,11 @@ def arm_of(row: Mapping[str, Any]) -> "ArmSetting":
 
 def setting_text(row: Mapping[str, Any]) -> str:
     """The setting, and what is otherwise than on the setting's arm."""
+    return ", ".join([row["setting"], *changes(row)])
+
+
+def changes(row: Mapping[str, Any]) -> list[str]:
+    """What is otherwise than on the setting's arm, a text each."""
     from envs.arms import arm_setting
 
     usual = arm_columns(arm_setting(row["robot"], row["setting"]))
@@ -71,7 +76,7 @@ def setting_text(row: Mapping[str, Any]) -> str:
         "joint_limits": f"joint limits {'on' if row['joint_limits'] else 'off'}",
         "orientation_weight": f"orientation weight {row['orientation_weight']:g}",
     }
-    return ", ".join([row["setting"], *(text for name, text in texts.items() if row[name] != usual[name])])
+    return [text for name, text in texts.items() if row[name] != usual[name]]
 
 
 def arm_name(arm: "ArmSetting") -> str:

@@ -6,7 +6,7 @@ from itertools import chain
 
 import pandas as pd
 
-from benchmark.arm import ARM, setting_text
+from benchmark.arm import ARM, changes, setting_text
 from benchmark.published import TABLE_3
 from benchmark.ranking import PAPER, Protocol
 from benchmark.recipe import RECIPES, USUAL
@@ -105,7 +105,7 @@ def beside_the_paper(table: pd.DataFrame) -> pd.DataFrame:
         published = TABLE_3[robot]
         rows.append(
             {
-                "arm": ", ".join([robot, *setting_text(of_arm.iloc[0]).split(", ")[1:]]),
+                "arm": ", ".join([robot, *changes(of_arm.iloc[0])]),
                 "direct: paper": _published(published.direct),
                 "direct: ours": ", ".join(_mean_and_range(row) for _, row in direct.iterrows()) or "-",
                 "guided: paper": _published(published.guided),

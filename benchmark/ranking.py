@@ -99,8 +99,9 @@ def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
         for _, group in on_arm.groupby([*GUIDANCE, *SAMPLING], dropna=False):
             foreign = bool(group.entry_hash.iloc[0]) and not group.checkpoint_hash.isin(ours).any()
             direct = _direct(on_arm, group, foreign)
+            mixed = not foreign and not group.checkpoint_hash.isin(ours).all()
             row = _row(group, direct, protocol, foreign) | _to_usual_arm(episodes, group, protocol)
-            rows.append(row | {"complete": row["complete"] and (foreign or group.checkpoint_hash.isin(ours).all())})
+            rows.append(row | {"complete": row["complete"] and not mixed})
     table = pd.DataFrame(rows)
     for score in protocol.scores:
         table[f"{score}_holm"] = table.groupby(["setting", "code_version"])[f"{score}_p"].transform(holm)

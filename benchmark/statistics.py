@@ -142,9 +142,11 @@ def _crossed_bootstrap(rows: Crossed, extra: Sequence[float]) -> tuple[float, fl
     variance = by_training + by_episode + float(np.sum(of_both**2)) / (pairs_of_trainings * pairs_of_episodes)
     if variance == 0:
         return mean, centre, 0.0
-    freedom = (by_training + by_episode) ** 2 / (
-        by_training**2 / max(trainings - 1, 1) + by_episode**2 / (episodes - 1)
-    )
+    freedom = (trainings - 1) * (episodes - 1)  # Of what neither factor has alone, should there be nothing else.
+    if by_training + by_episode > 0:
+        freedom = (by_training + by_episode) ** 2 / (
+            by_training**2 / max(trainings - 1, 1) + by_episode**2 / (episodes - 1)
+        )
     return mean, centre, float(t.ppf(0.5 + LEVEL / 2, freedom) * math.sqrt(variance))
 
 

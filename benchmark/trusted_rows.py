@@ -76,7 +76,8 @@ def read_trusted(file: Path, first_seed: int = 0) -> pd.DataFrame:
     missing = COLUMNS - {"arithmetic", *table}
     if missing or table.row_hash.isna().any():
         lacks = ", ".join(sorted(missing)) or "row_hash in some rows"
-        raise SettingError(f"{file} was stored by older code: it lacks {lacks}. Run its command again.")
+        way_out = "Move it away and run its command again."
+        raise SettingError(f"{file} was stored by older code: it lacks {lacks}. {way_out}")
     table = table.drop(columns=[name for name in {*table} - COLUMNS if table[name].isna().all()])  # Of later code.
     if strange := {*table} - COLUMNS:
         raise SettingError(f"{file} has columns that no rollout stores: {', '.join(sorted(strange))}. Remove them.")
@@ -109,8 +110,8 @@ def contradictions(table: pd.DataFrame) -> dict[str, pd.Series]:
         "its method is one of ours and it has an entry_hash, or neither": (by_policy | oracle) == entry,
         "its commit is none of Git's": ~table.commit.str.fullmatch(r"([0-9a-f]{7,40}\+?)?"),
         "its joint_limits are not those of its setting": table.joint_limits == (table.setting == "original"),
-        "it has a sampler without sampling_steps, or the other way round": (table.sampler != "none")
-        != (table.sampling_steps > 0),
+        "it has a sampler without sampling_steps, or the other way round": (table.sampling_steps < 0)
+        | (~entry & ((table.sampler != "none") != (table.sampling_steps > 0))),
         "its lambda is no number": ~np.isfinite(table["lambda"]),
         "its lambda is not 0 without guidance, or not above 0 with it": ~entry
         & np.where(by_policy & (table.method != "direct"), table["lambda"] <= 0, table["lambda"] != 0),
@@ -155,5 +156,6 @@ def _check_type(table: pd.DataFrame, name: str, file: Path) -> None:
     }.get(kind, lambda values: values.map(np.ndim).eq(1).all())
     if not fits(values):
         raise SettingError(f"{file}: {name} holds {values.dtype}, such as {values.iloc[0]!r}. It should hold {hint}.")
-    if values.isna().any() and not optional and name != "cell_size":
-        raise SettingError(f"{file}: {name} holds nothing in row {values[values.isna()].index[0]}.")
+    if values.isna().any() and not optional and name != "cell_size":  # Which is NaN without a field.
+        row = values[values.isna()].index[0]
+        raise SettingError(f"{file}: {name} holds nothing in row {row}. Remove the row and run its command again.")

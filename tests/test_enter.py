@@ -284,7 +284,7 @@ def test_a_class_may_import_what_lies_beside_it_and_be_a_dataclass(tmp_path):
     assert (guidance.correct(torch.ones(3, 4, 2), torch.zeros(3, 4)) == 1.5).all()
 
 
-@pytest.mark.parametrize("there", [False, True], ids=["", "its folder is on Python's path"])
+@pytest.mark.parametrize("there", [False, True], ids=["new to Python", "on its path before"])
 def test_what_runs_is_the_source_that_is_hashed_and_not_bytecode_beside_it(tmp_path, monkeypatch, there):
     """Python trusts unchecked bytecode whatever the source says."""
     (tmp_path / "parts").mkdir()

@@ -31,7 +31,7 @@ def test_an_edited_row_is_not_published_and_named(tmp_path):
 
 def test_rows_of_code_that_did_not_sign_them_are_not_published(tmp_path):
     edited(tmp_path, row_hash=None)
-    with pytest.raises(SettingError, match="older code: it lacks row_hash in some rows. Run its command again"):
+    with pytest.raises(SettingError, match="older code: it lacks row_hash in some rows. Move it away and run its"):
         read_all_episodes(tmp_path)
     read_episodes(tmp_path).drop(columns=["row_hash", "path_x"]).to_parquet(tmp_path / "episodes.parquet")
     with pytest.raises(SettingError, match="older code: it lacks path_x, row_hash"):
@@ -108,6 +108,13 @@ def test_a_row_that_cannot_be_is_not_published_whatever_its_hash(tmp_path, value
     signed(tmp_path, **values)
     with pytest.raises(SettingError, match=message):
         read_all_episodes(tmp_path)
+
+
+def test_somebody_elses_policy_may_take_steps_without_a_sampler_that_we_know(tmp_path):
+    """As flow matching does."""
+    flow = dataclasses.replace(CONDITION, method="mine", entry_hash="beef", sampler="none", sampling_steps=10)
+    store_episodes(tmp_path, [episode(100_001, condition=flow)])
+    assert len(read_all_episodes(tmp_path)) == 1
 
 
 @pytest.mark.parametrize("name", ["episode_seed", "p2", "length", "robot", "score"])
