@@ -24,10 +24,9 @@ seed=11`; descriptions of the arms that come as MJCF rounded: `table=results/sca
 then more files and packages came under the version; closer bounds of the arms' convex parts:
 `table=results/transfer/robust random=60 seed=20`, and where links touch `tests/test_collision_bounds.py`; an entry's
 class may import what lies beside it, by its source alone: `table=results/entries/hand-over entry=benchmark/hand_over
-random=30 seed=31`).
-Before that, single-precision functions of the policies were moved to double, which changes last bits, as another
-processor did, and so `arithmetic`: of the UR3's 4,950 episodes of `experiment=transfer` 4.1 % then had another p2 on
-one machine, and 4.6 % had by the code of before on two machines."""
+random=30 seed=31`). Before that, single-precision functions of the policies were moved to double, which changes last
+bits, as another processor did, and so `arithmetic`: of the UR3's 4,950 episodes of `experiment=transfer` 4.1 % then had
+another p2 on one machine, and 4.6 % had by the code of before on two machines."""
 
 
 @cache
