@@ -32,6 +32,8 @@ ORACLE_METHODS = {"plain": "plain_oracle", "aware": "aware_oracle"}
 
 ORACLES = tuple(ORACLE_METHODS)
 
+ENTRY_NAME = r"[a-z0-9][a-z0-9_-]{0,39}"  # What an entry may be called.
+
 
 @dataclass(unsafe_hash=True)
 class RobotConfig:
@@ -368,7 +370,7 @@ class EntryConfig:
 
     def __post_init__(self) -> None:
         taken = [*METHODS, *ORACLE_METHODS.values()]
-        named = re.fullmatch(r"[a-z0-9][a-z0-9_-]{0,39}", self.name) and self.name not in taken
+        named = re.fullmatch(ENTRY_NAME, self.name) and self.name not in taken
         check_setting(bool(named), "name", self.name, f"a-z, 0-9, - and _, up to 40, and none of {', '.join(taken)}")
         for name in ("author", "description"):
             value = getattr(self, name)

@@ -6,7 +6,8 @@ description: from its settings `benchmark.build_maps` builds the same file again
 
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
@@ -73,6 +74,15 @@ def start_experiment(
         print(f"W&B: {' '.join(str(error).split())} What would go there is kept in {config.folder}: wandb sync.")
         os.environ["WANDB_MODE"] = "offline"  # The next run, and a sweep's next job, need not wait again.
         return start("offline")
+
+
+@contextmanager
+def unharmed() -> Iterator[None]:
+    """What W&B, its folder or its server do not take costs what would have been logged, and a line, not the run."""
+    try:
+        yield
+    except Exception as error:
+        print(f"W&B: not logged. {type(error).__name__}: {' '.join(str(error).split())}")
 
 
 def log_checkpoint(run: "wandb.Run", folder: Path) -> None:

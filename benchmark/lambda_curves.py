@@ -37,12 +37,18 @@ class LambdaCurvesConfig:
 
 def main(config: LambdaCurvesConfig) -> None:
     """Draw what is stored."""
-    from benchmark.known_policies import shipped
-    from benchmark.ranking import PAPER, counted, leaderboard
-    from benchmark.trusted_rows import read_all_episodes
+    import pandas as pd
 
-    episodes = counted(read_all_episodes(Path(config.output_dir), FIRST_TEST_SEED), PAPER, shipped(config.recipe))
-    if not len(episodes):
+    from benchmark.arm import of_arm
+    from benchmark.known_policies import shipped
+    from benchmark.ranking import PAPER, as_usual, counted, leaderboard
+    from benchmark.trusted_rows import read_all_episodes
+    from envs.arms import arm_setting
+
+    every = read_all_episodes(Path(config.output_dir), FIRST_TEST_SEED)
+    rows = as_usual(counted(every, PAPER, shipped(config.recipe)))
+    episodes = pd.concat([of_arm(rows, arm_setting(robot, *PAPER.settings)) for robot in TASK_ARMS])
+    if episodes.empty:
         raise SettingError(
             f"There are no test episodes of the paper's protocol under {config.output_dir}. Make some: "
             f"python -m benchmark.run -m experiment=transfer recipe={config.recipe}"

@@ -30,8 +30,9 @@ HOW_TO_READ = """- **Episodes**: test seeds from 100000 on, by which nothing was
   may be harder. Those of single policies and of oracles are Wilson's.
 - **Difference** is that to direct transfer, same policies, same episodes, in points; of an entry with a policy of its
   own, that to each of ours. Its interval is for other trainings as well. Its p is for these trainings alone: of all
-  flips of the sign of whole episodes, which for one training and a rate is the exact McNemar test; *Holm* is adjusted
-  for all arms, methods and scales of the protocol's setting.
+  flips of the sign of whole episodes, which for one training and a rate is the exact McNemar test; *Holm* is adjusted,
+  each score by itself, for all arms, methods and scales of the protocol's setting that are whole (no *); an entry's
+  for these and its own.
 - **Reference** and **ceiling** are the scripted oracle that knows nothing of the arm and the one that does, on test
   seeds, by the same code. A policy may beat either.
 - **Failed by cause**: an episode failed if it never had p2. What rolled out of a target later has no cause.
@@ -56,14 +57,16 @@ PAPER_TEXT = """Score, mean over nine policies (* over fewer), and their least a
 column is of, it does not say; ours is the curve up to λ = 1, where the paper's ends, from its lowest to its highest
 point."""
 
-ARM_CHANGED_TEXT = """Direct transfer with the base where the arm's own map puts it (`best`), with the wrist in the
-other branch, or with another weight of orientation in the inverse kinematics, so that the tool may lean, minus direct
-transfer on the arm of the setting `embodied`: same policies, same episodes, in points; intervals and p as above."""
+ARM_CHANGED_TEXT = """Direct transfer with the base where the arm's own map puts it (`best`) or elsewhere, with the
+wrist in the other branch, or with another weight of orientation in the inverse kinematics, so that the tool may lean,
+minus direct transfer on the arm of the setting `embodied`: same policies, same episodes, in points; intervals and p as
+above, but not adjusted."""
 
 MECHANISM_TEXT = """In percent, then the difference to direct transfer in points. *Farther first*: of episodes in which
 a block entered a target, those in which the first one entered the farther target; its difference is over the episodes
 in which one did either way. *Order changed*: of these episodes, those in which another block or target was first. The
-others are shares of an episode's steps (means over episodes): *near base* within 0.235 m of the base axis; *rectangle*
+others are shares of an episode's steps (means over episodes), whose intervals have no width where no episode differs:
+*near base* within 0.235 m of the base axis; *rectangle*
 in the paper's dangerous one, in its two readings; *outer reach* beyond 0.54 m."""
 
 
@@ -155,10 +158,7 @@ def scores(rows: pd.DataFrame, protocol: Protocol) -> pd.DataFrame:
             name: [with_interval(row, name) for _, row in rows.iterrows()],
             f"{name}: policies": [_range(row, name) for _, row in rows.iterrows()],
             f"{name}: difference": [difference_text(row, f"{name}_difference") for _, row in rows.iterrows()],
-            f"{name}: p (Holm)": [
-                "-" if pd.isna(row[f"{name}_p"]) else f"{row[f'{name}_p']:.2g} ({row[f'{name}_holm']:.2g})"
-                for _, row in rows.iterrows()
-            ],
+            f"{name}: p (Holm)": [_p_values(row[f"{name}_p"], row[f"{name}_holm"]) for _, row in rows.iterrows()],
         }
     return pd.DataFrame(shown | {"failed by cause": [causes_text(causes) for causes in rows.causes]})
 
@@ -230,6 +230,11 @@ def _method(rows: pd.DataFrame) -> dict[str, list[str]]:
         "method": [method_text(row) for row in rows.itertuples()],
         "λ": rows["lambda"].map("{:g}".format).tolist(),
     }
+
+
+def _p_values(p: float, holm: float) -> str:
+    """A p-value and the adjusted one, which rows that are not whole lack."""
+    return "-" if pd.isna(p) else f"{p:.2g} ({'-' if pd.isna(holm) else f'{holm:.2g}'})"
 
 
 def _range(row: pd.Series, name: str) -> str:

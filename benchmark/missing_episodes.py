@@ -9,7 +9,7 @@ from rich.console import Console
 
 from benchmark.config import RunConfig
 from benchmark.progress import progress_bar
-from benchmark.results import Condition, Episode, episodes_of, read_episodes, store_episodes
+from benchmark.results import Condition, Episode, check_unedited, episodes_of, read_episodes, store_episodes
 
 if TYPE_CHECKING:
     from benchmark.rollout import Rollout
@@ -32,12 +32,18 @@ def run_missing(
         run: Runs for each condition those seeds that its table lacks; gives a few episodes of one condition at a time.
         name: What the progress bar says.
         console: Where it is.
+
+    Raises:
+        SettingError: If a row that is stored already was edited.
     """
 
     def stored() -> list[pd.DataFrame]:
         tables = {folder: read_episodes(folder) for folder in {folder_of(each) for each in conditions}}
         asked = {folder: t if t.empty else t[t.episode_seed.isin(seeds)] for folder, t in tables.items()}
-        return [episodes_of(asked[folder_of(each)], each) for each in conditions]
+        rows = [episodes_of(asked[folder_of(each)], each) for each in conditions]
+        for condition, table in zip(conditions, rows, strict=True):
+            check_unedited(table, folder_of(condition) / "episodes.parquet")
+        return rows
 
     missing = [sorted({*seeds} - {*table.get("episode_seed", [])}) for table in stored()]
     total = len(conditions) * len(seeds)

@@ -3,11 +3,15 @@
 import pandas as pd
 
 from benchmark.arm import ARM
-from benchmark.config import ORACLE_METHODS
+from benchmark.config import FIRST_TEST_SEED, ORACLE_METHODS
+from benchmark.ranking import PROTOCOLS
 from benchmark.scores import SCORES
 from benchmark.statistics import rate_interval
 
 ROLES = {"reference": "plain", "ceiling": "aware"}
+
+SEEDS = range(FIRST_TEST_SEED, FIRST_TEST_SEED + max(protocol.episodes for protocol in PROTOCOLS))
+"""Episodes of the oracles that count, whatever else was played."""
 
 KEY = [*ARM, "code_version"]
 """Columns in which an oracle's episodes agree with the policies' that they stand beside."""
@@ -19,10 +23,11 @@ def with_oracles(table: pd.DataFrame, episodes: pd.DataFrame) -> pd.DataFrame:
     Args:
         table: The leaderboard.
         episodes: Rows of all methods. An oracle's arm must be the policy's in all columns that describe it, and the
-            version of the code must be the same.
+            version of the code must be the same. Those of `SEEDS` count.
     """
     if episodes.empty:
         return table.assign(**dict.fromkeys(ROLES))
+    episodes = episodes[episodes.episode_seed.isin(SEEDS)]
     arms = [tuple(arm) for arm in table[KEY].itertuples(index=False)]
     for role, oracle in ROLES.items():
         played = _by_arm(episodes[episodes.method == ORACLE_METHODS[oracle]])

@@ -112,10 +112,10 @@ def direct_episodes(folder: Path) -> "pd.DataFrame":
     """Stored episodes of direct transfer that a protocol counts, with their paths, of the usual policies that ship."""
     from benchmark.config import FIRST_TEST_SEED
     from benchmark.known_policies import shipped
-    from benchmark.ranking import counted_by_any
+    from benchmark.ranking import as_usual, counted_by_any
     from benchmark.trusted_rows import read_all_episodes
 
-    table = counted_by_any(read_all_episodes(folder, FIRST_TEST_SEED), shipped())
+    table = as_usual(counted_by_any(read_all_episodes(folder, FIRST_TEST_SEED), shipped()))
     return table if table.empty else table[table.method == "direct"]
 
 

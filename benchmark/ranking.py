@@ -61,6 +61,24 @@ def counted(episodes: "pd.DataFrame", protocol: Protocol, ours: set[str]) -> "pd
     return episodes[counts & (of_ours | (episodes.entry_hash != ""))]
 
 
+def as_usual(episodes: "pd.DataFrame") -> "pd.DataFrame":
+    """The rows for tables that tell methods apart by name and scale: policies as they usually sample, on a CPU.
+
+    Raises:
+        SettingError: If they are of several versions of the code.
+    """
+    if episodes.empty:
+        return episodes
+    usual = (episodes.sampler == RunConfig.sampler) & (episodes.sampling_steps == RunConfig.sampling_steps)
+    rows = episodes[(usual | (episodes.entry_hash != "")) & (episodes.device == "cpu")]
+    if rows.code_version.nunique() > 1:
+        raise SettingError(
+            f"There are test episodes by several versions of the code: {', '.join(sorted({*rows.code_version}))}. "
+            "Together they would be one method's. Move those of all but one away."
+        )
+    return rows
+
+
 def counted_by_any(episodes: "pd.DataFrame", ours: set[str]) -> "pd.DataFrame":
     """The rows that one of the protocols counts; no two of them have a setting in common."""
     import pandas as pd
@@ -77,10 +95,10 @@ def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
     For each score and each of `MECHANISM` there is its mean (the column of its name), `_low` and `_high`, its
     difference to direct transfer on the same episodes of the same policies (of ours, where an entry has its own),
     `_difference`, `_difference_low` and `_high`; for scores also the least and most of any policy, `_least` and
-    `_most`, the difference's `_p` (`statistics.sign_flip_p_value`), and `_holm`, the same adjusted for all robots,
-    methods and scales of the setting. Likewise, for direct transfer on an arm that stands or holds its tool otherwise
-    than in the setting `embodied`, that to direct transfer there, `_arm_difference` and `_arm_p`. NaN where there is
-    nothing to compare with. `policies` has the figures of each.
+    `_most`, the difference's `_p` (`statistics.sign_flip_p_value`), and `_holm`, the same `adjusted`. Likewise, for
+    direct transfer on an arm that stands or holds its tool otherwise than in the setting `embodied`, that to direct
+    transfer there, `_arm_difference` and `_arm_p`. NaN where there is nothing to compare with. `policies` has the
+    figures of each.
 
     Args:
         episodes: The rows that count.
@@ -90,8 +108,6 @@ def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
         SettingError: If two policies go by one name.
     """
     import pandas as pd
-
-    from benchmark.statistics import holm
 
     rows, ours = [], episodes.checkpoint_hash[episodes.entry_hash == ""].unique()
     episodes = episodes.assign(far_target_first=_far_target_first(episodes), training=_training(episodes))
@@ -104,10 +120,28 @@ def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
             rows.append(row | {"complete": row["complete"] and not mixed})
     table = pd.DataFrame(rows)
     for score in protocol.scores:
-        table[f"{score}_holm"] = table.groupby(["setting", "code_version"])[f"{score}_p"].transform(holm)
+        table[f"{score}_holm"] = adjusted(table, f"{score}_p")
     rank = [protocol.settings.index(x) for x in table.setting], [TASK_ARMS.index(x) for x in table.robot]
     order = np.lexsort([table["lambda"], -table[protocol.scores[0]], ~table.complete, *rank[::-1]])
     return table.iloc[order].reset_index(drop=True)
+
+
+def adjusted(table: "pd.DataFrame", name: str) -> "pd.Series":
+    """P-values of a column adjusted after Holm for all robots, methods and scales of a setting and version of the code.
+
+    Only complete rows are adjusted and counted, and somebody else's entry in no family but its own, ours and its own:
+    what others add changes nobody's figures.
+    """
+    import pandas as pd
+
+    from benchmark.statistics import holm
+
+    p_values = pd.Series(np.nan, index=table.index)
+    for (*of_setting, entry), rows in table.groupby(["setting", "code_version", "entry_hash"]):
+        alike = (table[["setting", "code_version"]] == of_setting).all(axis=1)
+        family = table[name][alike & table.complete & table.entry_hash.isin(["", entry])]
+        p_values.update(pd.Series(holm(family.to_numpy()), family.index).reindex(rows.index))
+    return p_values
 
 
 def _far_target_first(episodes: "pd.DataFrame") -> "pd.Series":

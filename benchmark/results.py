@@ -133,6 +133,24 @@ def plain(value: Any) -> Any:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
+def check_unedited(rows: pd.DataFrame, file: Path) -> None:
+    """Refuse rows of a table that are not as they were stored.
+
+    Args:
+        rows: The rows; their index says which of the table's they are.
+        file: The table.
+
+    Raises:
+        SettingError: If the hash of one does not fit.
+    """
+    for number, row in zip(rows.index, rows.to_dict("records"), strict=True):
+        if row_hash(row) != row.get("row_hash"):
+            raise SettingError(
+                f"{file}, row {number} ({row_name(row)}) is not as it was stored: its row_hash does not fit. "
+                "Remove it and run it again."
+            )
+
+
 def row_name(row: Mapping[str, Any]) -> str:
     """What a row is called where it is refused."""
     return (

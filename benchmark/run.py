@@ -20,7 +20,7 @@ def main(config: RunConfig) -> None:
     checkpoint = chosen_checkpoint(config)
     from rich.console import Console
 
-    from benchmark.experiment_log import log_curves, log_evaluation, log_field
+    from benchmark.experiment_log import log_curves, log_evaluation, log_field, unharmed
     from benchmark.make_rollout import make_rollout
     from benchmark.missing_episodes import run_and_store
     from benchmark.report import print_report
@@ -29,10 +29,12 @@ def main(config: RunConfig) -> None:
     rollouts = [make_rollout(config, scale, checkpoint, console) for scale in sorted({0.0, config.guidance_scale})]
     tables = []
     for rollout in rollouts:
-        log_field(config, rollout, config.output_dir)
         tables.append(run_and_store(rollout, config, console))
-        log_evaluation(config, rollout, tables[-1], config.output_dir)
-    log_curves(config.wandb, tables, config.output_dir)
+        with unharmed():
+            log_field(config, rollout, config.output_dir)
+            log_evaluation(config, rollout, tables[-1], config.output_dir)
+    with unharmed():
+        log_curves(config.wandb, tables, config.output_dir)
     print_report(tables, Path(config.output_dir), console)
 
 

@@ -13,7 +13,7 @@ from benchmark.command import SettingError, check_setting, run_command
 from benchmark.config import TASK_ARMS, ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig
 from benchmark.outputs import replacing
 from benchmark.recipe import USUAL
-from benchmark.scale_table import CHOSEN_FOR, METHOD, scale_table
+from benchmark.scale_table import CHOSEN_FOR, scale_table
 from policies.methods import METHODS
 
 if TYPE_CHECKING:
@@ -160,13 +160,25 @@ def arm_folder(output_dir: str, config: RunConfig) -> Path:
     return Path(output_dir) / config.recipe / arm_name(chosen_arm(config))
 
 
-def read_methods(folder: Path, columns: list[str] | None = None) -> "pd.DataFrame":
-    """All episodes of an arm's folder, whatever the method; an empty table if there are none."""
+def read_methods(folder: Path, seeds: range) -> "pd.DataFrame":
+    """These episodes in an arm's folder, whatever the method, that the present code made; an empty table if none are.
+
+    Raises:
+        SettingError: If one was edited.
+    """
     import pandas as pd
 
-    from benchmark.results import read_episodes
+    from benchmark.code_version import code_version
+    from benchmark.results import check_unedited, read_episodes
 
-    return pd.concat([read_episodes(folder / method, columns) for method in METHODS], ignore_index=True)
+    tables = []
+    for method in METHODS:
+        table = read_episodes(folder / method)
+        if len(table):
+            table = table[(table.code_version == code_version()) & table.episode_seed.isin(seeds)]
+            check_unedited(table, folder / method / "episodes.parquet")
+            tables.append(table)
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
 
 def scales(method: str, points: int) -> list[float]:
@@ -221,8 +233,6 @@ def sweep(
     Returns:
         These episodes of all methods in the arm's folder, as far as this version of the code produced them.
     """
-    from benchmark.code_version import code_version
-
     reference = run_points({"direct": direct}, config, "Direct transfer", console)["direct"]
     going = {method: scales(method, config.points) for method in config.methods}
     for level in range(config.points):
@@ -233,8 +243,7 @@ def sweep(
         }
         rates = run_points(points, config, f"Scale {level + 1} of at most {config.points}", console)
         going = {method: going[method] for method, rate in rates.items() if rate >= COLLAPSE * reference}
-    table = read_methods(config.folder)
-    return table[(table.code_version == code_version()) & table.episode_seed.isin(episode_seeds(config))]
+    return read_methods(config.folder, episode_seeds(config))
 
 
 def episode_seeds(config: ScalesConfig) -> range:
@@ -294,7 +303,7 @@ def chosen_scale(config: RunConfig) -> float:
     condition = make_rollout(direct, 0.0, chosen_checkpoint(direct), console).condition
     arm = tuple(getattr(condition, name) for name in CHOSEN_FOR)
     folder = arm_folder(config.scales_dir, config)
-    chosen = _chosen(folder, condition.code_version).get((*arm, config.method), {})
+    chosen = _chosen(folder).get((*arm, config.method), {})
     if chosen:
         field, _ = guidance_field(METHODS[config.method].field, chosen_arm(config), config, console)
         fingerprint = field.about["fingerprint"] if field else ""
@@ -309,13 +318,9 @@ def chosen_scale(config: RunConfig) -> float:
 
 
 @cache
-def _chosen(folder: Path, code_version: str) -> dict[tuple, dict[str, float]]:
-    """The chosen scales by arm and method, and by field, from the validation episodes of one version of the code."""
-    columns = [*CHOSEN_FOR, *METHOD, "lambda", "checkpoint_hash", "episode_seed", "p2", "score", "code_version"]
-    episodes = read_methods(folder, columns)
-    if episodes.empty:
-        return {}
-    episodes = episodes[(episodes.code_version == code_version) & episodes.episode_seed.between(50_000, 59_999)]
+def _chosen(folder: Path) -> dict[tuple, dict[str, float]]:
+    """The chosen scales by arm and method, and by field, from the validation episodes of the present code."""
+    episodes = read_methods(folder, range(50_000, 60_000))
     if episodes.empty:
         return {}
     table, chosen = scale_table(episodes), {}

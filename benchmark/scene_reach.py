@@ -54,12 +54,12 @@ def main(config: SceneReachConfig) -> None:
 
     from benchmark.arm import stored_arms
     from benchmark.known_policies import shipped
-    from benchmark.ranking import STRICT, counted
+    from benchmark.ranking import STRICT, as_usual, counted
     from benchmark.trusted_rows import read_all_episodes
 
     console, folder = Console(), Path(config.episodes)
     every = read_all_episodes(folder, FIRST_TEST_SEED)
-    episodes = counted(every, STRICT, shipped())
+    episodes = as_usual(counted(every, STRICT, shipped()))
     tables = {}
     for arm in stored_arms(episodes, config.robots, config.settings):
         rows, oracles = with_leaning_tools(episodes, arm), oracle_rows(every, arm)
@@ -80,10 +80,13 @@ def main(config: SceneReachConfig) -> None:
 
 
 def by_scale(episodes: "pd.DataFrame") -> "pd.DataFrame":
-    """The episodes, those of a method that was run at several scales as methods of their own."""
-    several = episodes.groupby("method")["lambda"].transform("nunique") > 1
-    named = episodes.method + ", λ " + episodes["lambda"].map("{:g}".format)
-    return episodes.assign(method=episodes.method.where(~several, named))
+    """The episodes, those of a method that was run at several scales, or with several fields' cells, as methods of
+    their own."""
+    method = episodes.method
+    for name, text in (("lambda", ", λ {:g}"), ("cell_size", ", cells {:g} m")):
+        several = episodes.groupby("method")[name].transform("nunique") > 1
+        method = method.where(~several, method + episodes[name].map(text.format))
+    return episodes.assign(method=method)
 
 
 def with_leaning_tools(episodes: "pd.DataFrame", arm: "ArmSetting") -> "pd.DataFrame":

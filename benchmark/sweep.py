@@ -28,14 +28,14 @@ from rich.console import Console
 
 from benchmark.command import SettingError, typed
 from benchmark.config import SOURCE, RunConfig
-from benchmark.experiment_log import log_curves, log_evaluation, log_field
+from benchmark.experiment_log import log_curves, log_evaluation, log_field, unharmed
 from benchmark.known_policies import chosen_checkpoint
 from benchmark.make_rollout import make_rollout
 from benchmark.missing_episodes import run_and_store
 from benchmark.outputs import replacing
 from benchmark.progress import progress_bar
 from benchmark.recipe import policy_name
-from benchmark.results import CONDITION, episodes_of, read_episodes, stored
+from benchmark.results import CONDITION, check_unedited, episodes_of, read_episodes, stored
 from benchmark.scales import with_scale
 
 if TYPE_CHECKING:
@@ -115,7 +115,8 @@ def run_sweep(composed: list[tuple[list[str], DictConfig]], launcher: Launcher, 
     )
     if missing:
         for job in missing:
-            log_field(job.config, job.rollout, folder.name)
+            with unharmed():
+                log_field(job.config, job.rollout, folder.name)
         with progress(jobs.values(), folder, console):
             launch(missing, launcher, console)
     ended = {job.name: failure_file(folder, job.name) for job in missing}
@@ -125,7 +126,8 @@ def run_sweep(composed: list[tuple[list[str], DictConfig]], launcher: Launcher, 
         for job in unfinished(missing)
     } | failed
     say_failed(failed, console)
-    log_curves(next(iter(configs.values())).wandb, rows_of(jobs.values()), folder.name)
+    with unharmed():
+        log_curves(next(iter(configs.values())).wandb, rows_of(jobs.values()), folder.name)
     if failed:
         console.print(f"Whole reasons: {folder / 'failed'}. The same command goes on where it was.", soft_wrap=True)
         sys.exit(1)
@@ -209,11 +211,17 @@ def unfinished(jobs: Iterable[Job]) -> dict[Job, int]:
 
 
 def rows_of(jobs: Iterable[Job]) -> Iterator[pd.DataFrame]:
-    """The stored episodes of each job of which there are any."""
+    """The stored episodes of each job of which there are any.
+
+    Raises:
+        SettingError: If one was edited.
+    """
     tables = {output_dir: read_episodes(output_dir) for output_dir in {job.output_dir for job in jobs}}
     for job in jobs:
-        if len(rows := episodes_of(tables[job.output_dir], job.rollout.condition)):
-            yield rows[rows.episode_seed.isin(job.seeds)]
+        rows = episodes_of(tables[job.output_dir], job.rollout.condition)
+        if len(rows := rows[rows.episode_seed.isin(job.seeds)]):
+            check_unedited(rows, job.output_dir / "episodes.parquet")
+            yield rows
 
 
 def run_job(config: DictConfig) -> None:

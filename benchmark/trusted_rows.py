@@ -10,16 +10,20 @@ import pandas as pd
 from pandas.api.types import is_bool_dtype, is_float_dtype, is_integer_dtype
 
 from benchmark.command import SettingError
-from benchmark.config import ORACLE_METHODS, SETTINGS, TASK_ARMS
-from benchmark.results import COLUMNS, IDENTITY, PRODUCER, Condition, read_table, row_hash, row_name
+from benchmark.config import ENTRY_NAME, ORACLE_METHODS, SETTINGS, TASK_ARMS
+from benchmark.results import COLUMNS, IDENTITY, PRODUCER, Condition, check_unedited, read_table, row_name
 from envs import MAX_EPISODE_STEPS
 from envs.failure import CAUSES
 from envs.outcome import EpisodeOutcome
 from envs.scene import draw_scene
+from envs.workspace import CONTROL_FREQUENCY
 from policies.methods import METHODS
 
 HINTS = get_type_hints(Condition) | get_type_hints(EpisodeOutcome) | {"lambda": float, "episode_seed": int, "slot": int}
 """Types of the columns."""
+
+TEXTS = [name for name, hint in HINTS.items() if hint is str and name in COLUMNS]
+"""Columns that hold a text in every row."""
 
 CAME_OUT = ["score", "p1", "p2", "success_at_end", "length", "first_block", "first_target", "failure_cause"]
 """Columns in which two rows of one episode may not differ."""
@@ -81,12 +85,7 @@ def read_trusted(file: Path, first_seed: int = 0) -> pd.DataFrame:
     table = table.drop(columns=[name for name in {*table} - COLUMNS if table[name].isna().all()])  # Of later code.
     if strange := {*table} - COLUMNS:
         raise SettingError(f"{file} has columns that no rollout stores: {', '.join(sorted(strange))}. Remove them.")
-    for number, row in zip(table.index, table.to_dict("records"), strict=True):
-        if row_hash(row) != row["row_hash"]:
-            raise SettingError(
-                f"{file}, row {number} ({row_name(row)}) is not as it was stored: its row_hash does not fit. "
-                "Remove it and run it again."
-            )
+    check_unedited(table, file)
     for name in {*table} - {"row_hash"}:
         _check_type(table, name, file)
     for said, wrong in contradictions(table).items():
@@ -105,9 +104,26 @@ def contradictions(table: pd.DataFrame) -> dict[str, pd.Series]:
     oracle, by_policy = table.method.isin(ORACLE_METHODS.values()), table.method.isin(METHODS)
     entry, has_field = table.entry_hash != "", table.cell_size.notna()
     looks_at_one = table.method.isin([name for name, method in METHODS.items() if method.field])
-    known = {"robot": TASK_ARMS, "setting": SETTINGS, "device": ("cpu", "cuda"), "failure_cause": CAUSES}
-    return {f"its {name} is none of {', '.join(of)}": ~table[name].isin([*of, None]) for name, of in known.items()} | {
+    sizes = table[[name for name in table if name.startswith(("tracking_error_", "ik_residual_", "tool_tilt_"))]]
+    known = {
+        "robot": TASK_ARMS,
+        "setting": SETTINGS,
+        "branch": ("out", "in"),
+        "device": ("cpu", "cuda"),
+        "first_block": (0, 1),
+        "first_target": ("near", "far"),
+        "failure_cause": CAUSES,
+    }
+    return {
+        f"its {name} is none of {', '.join(map(str, of))}": table[name].notna() & ~table[name].isin(of)
+        for name, of in known.items()
+    } | {
+        "a text of it has |, <, >, or what is not printed": ~table[TEXTS].map(_is_plain).all(axis=1),
+        "its base is not x y z as a rollout writes it": ~table.base.map(_is_base),
+        "its orientation_weight is no number above 0": ~table.orientation_weight.between(0, np.inf, "neither"),
         "its method is one of ours and it has an entry_hash, or neither": (by_policy | oracle) == entry,
+        "its method is no name of an entry's": entry & ~table.method.str.fullmatch(ENTRY_NAME),
+        "its sampler is neither of ours": ~entry & ~table.sampler.isin(["DDIM", "DDPM", "none"]),
         "its commit is none of Git's": ~table.commit.str.fullmatch(r"([0-9a-f]{7,40}\+?)?"),
         "its joint_limits are not those of its setting": table.joint_limits == (table.setting == "original"),
         "it has a sampler without sampling_steps, or the other way round": (table.sampling_steps < 0)
@@ -129,13 +145,30 @@ def contradictions(table: pd.DataFrame) -> dict[str, pd.Series]:
         "it has a first_block, first_target and first_entry_s without p1, or lacks one": (
             table[["first_block", "first_target", "first_entry_s"]].notna().ne(table.p1, axis=0).any(axis=1)
         ),
+        "its first_entry_s lies before its start or after its end": table.first_entry_s.notna()
+        & ~table.first_entry_s.between(0, table.length / CONTROL_FREQUENCY).fillna(False),
         "its paths are not of its length": (
             (table.path_x.map(len) != table.length) | (table.path_y.map(len) != table.length) | (table.length < 1)
         ),
         f"it is longer than {MAX_EPISODE_STEPS} steps, or shorter without p2": (table.length > MAX_EPISODE_STEPS)
         | (~table.p2 & (table.length < MAX_EPISODE_STEPS)),
         "a share is not within 0 to 1": ~((shares >= 0) & (shares <= 1)).all(axis=1),
+        "an error, residual or tilt is no number from 0 on": ~((sizes >= 0) & (sizes < np.inf)).all(axis=1),
     }
+
+
+def _is_plain(text: str) -> bool:
+    """Whether a text can stand in a table of the leaderboard."""
+    return text.isprintable() and not {*text} & {*"|<>"}
+
+
+def _is_base(text: str) -> bool:
+    """Whether it is what `benchmark.arm.arm_columns` makes of a position."""
+    try:
+        base = [float(x) for x in text.split()]
+    except ValueError:
+        return False
+    return len(base) == 3 and bool(np.isfinite(base).all()) and text == " ".join(f"{x:g}" for x in base)
 
 
 @cache

@@ -74,7 +74,7 @@ def transfer_episodes():
                     score=0.49 * p1 + 0.51 * p2, p1=bool(p1), p2=bool(p2), length=length,
                     success_at_end=bool(p2 and rng.random() < 0.9),
                     mode=draw_scene(seed).mode, path_x=(400,) * length, path_y=(-200,) * length,
-                    first_block=int(rng.integers(2)) if p1 else None, first_entry_s=5.0 if p1 else None,
+                    first_block=int(rng.integers(2)) if p1 else None, first_entry_s=0.2 if p1 else None,
                     first_target=str(rng.choice(["near", "far"])) if p1 else None,
                     failure_cause=None if p2 else str(rng.choice(causes)), share_near_base=float(rng.random() / 10),
                 ))  # fmt: skip

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from benchmark.config import RobotConfig, RunConfig, WandbConfig
-from benchmark.experiment_log import log_checkpoint, log_curves, log_evaluation, log_field, start_experiment
+from benchmark.experiment_log import log_checkpoint, log_curves, log_evaluation, log_field, start_experiment, unharmed
 from benchmark.known_policies import checkpoint_folder
 from benchmark.replay import alone
 from benchmark.results import Condition
@@ -166,6 +166,16 @@ def test_a_server_that_does_not_answer_means_offline_also_for_the_next_run(tmp_p
             run.log({"train/loss": 0.5}, step=1)
     assert len(list(tmp_path.glob("wandb/offline-run-*/run-*.wandb"))) == 2
     assert capsys.readouterr().out.count("kept in") == 1
+
+
+def test_what_a_full_disk_costs_is_the_log_and_not_the_run(transfer_episodes, tmp_path, monkeypatch, capsys):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("wandb.init", full)
+    with unharmed():
+        log_curves(WandbConfig("offline", folder=str(tmp_path)), [transfer_episodes], "sweep")
+    assert "W&B: not logged. OSError: [Errno 28] No space left on device" in capsys.readouterr().out
 
 
 def test_nobody_is_asked_for_an_account(tmp_path):

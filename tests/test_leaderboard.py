@@ -18,7 +18,7 @@ from benchmark.lambda_curves import curves
 from benchmark.leaderboard import LeaderboardConfig, main
 from benchmark.leaderboard_text import beside_the_paper, markdown
 from benchmark.oracle_scores import with_oracles
-from benchmark.ranking import PAPER, PROTOCOLS, STRICT, counted, counted_by_any, leaderboard
+from benchmark.ranking import PAPER, PROTOCOLS, STRICT, adjusted, as_usual, counted, counted_by_any, leaderboard
 from benchmark.recipe import SHIPPED, USUAL, recipe_folder
 from benchmark.results import read_episodes
 from benchmark.statistics import holm, paired_p_value
@@ -67,7 +67,7 @@ def test_every_figure_is_what_plain_counting_gives(transfer_episodes, boards, pr
             if row["method"] != "direct":
                 difference = mean(float(rows[key][score]) - float(direct[key][score]) for key in rows)
                 assert row[f"{score}_difference"] == pytest.approx(difference)
-                assert row[f"{score}_p"] <= row[f"{score}_holm"] <= 1
+                assert 0 < row[f"{score}_p"] <= 1 and pd.isna(row[f"{score}_holm"])  # It is not whole.
 
 
 def test_what_guidance_changes_is_what_plain_counting_gives(transfer_episodes, boards):
@@ -93,10 +93,35 @@ def test_single_policies_are_tested_exactly(transfer_episodes, boards):
 
 
 def test_p_values_are_adjusted_over_robots_and_methods_together(boards):
-    table = boards[STRICT]
-    asked = table[table.method != "direct"]
-    assert len(asked) == 5
-    assert asked.p2_holm.tolist() == pytest.approx(holm(asked.p2_p).tolist())
+    table = boards[STRICT].assign(complete=True)
+    ours = table[(table.method != "direct") & ~table.entry]
+    assert len(ours) == 4
+    p_values = adjusted(table, "p2_p")
+    assert p_values[ours.index].tolist() == pytest.approx(holm(ours.p2_p).tolist())
+    assert p_values[table.method == "direct"].isna().all()
+
+
+def test_what_others_add_or_what_is_not_whole_changes_nobodys_p_values(boards):
+    table = boards[STRICT].assign(complete=True)
+    entry = table[table.entry].index[0]
+    alone = adjusted(table, "p2_p")
+    assert alone[entry] == pytest.approx(holm(table.p2_p)[entry])  # Ours and its own.
+    other = table.loc[[entry]].assign(entry_hash="0" * 64, p2_p=0.5)
+    unfinished = table.loc[[entry]].assign(entry_hash="", complete=False, p2_p=1e-6)
+    both = adjusted(pd.concat([table, other, unfinished], ignore_index=True), "p2_p")
+    pd.testing.assert_series_equal(both[: len(table)], alone)
+    assert pd.isna(both.iloc[-1]) and not pd.isna(both.iloc[-2])
+
+
+def test_tables_by_name_and_scale_have_policies_as_they_usually_sample_by_one_version_of_the_code(transfer_episodes):
+    assert len(as_usual(transfer_episodes)) == len(transfer_episodes)
+    otherwise = transfer_episodes[:3].assign(sampler=["DDPM", "DDIM", "DDIM"], sampling_steps=[100, 20, 10])
+    on_gpu = transfer_episodes[:1].assign(device="cuda")
+    kept = as_usual(pd.concat([transfer_episodes, otherwise, on_gpu]))
+    assert len(kept) == len(transfer_episodes) + 1
+    with pytest.raises(SettingError, match="by several versions of the code: v1, v2"):
+        as_usual(pd.concat([transfer_episodes, transfer_episodes[:1].assign(code_version="v2")]))
+    assert as_usual(pd.DataFrame()).empty
 
 
 def test_the_best_comes_first_and_an_entry_is_marked(boards):

@@ -99,7 +99,16 @@ def test_it_shows_the_figures_of_the_table_and_fetches_nothing(opened, tables):
     choose(browser, "protocol", "paper")
     shown = [first_number(text) for text in column(browser, "score")]
     assert shown == pytest.approx((100 * tables[PAPER].score).tolist(), abs=0.051)
+    of_paper = dict(zip(column(browser, "λ"), column(browser, "paper's score"), strict=True))
+    assert (of_paper["0.5"], of_paper["1"]) == ("91.3 (87.8 to 96.0)",) * 2
     assert "64.6 (62.8 to 71.9)" in column(browser, "paper's score")
+
+
+def test_the_papers_score_stands_beside_what_the_paper_ran_and_nothing_else(opened):
+    browser = opened()
+    script = """return [["direct", 0], ["paper", 0.5], ["paper", 2], ["towards", 0.5]].map(([method, lambda]) =>
+      published({protocol: "paper", robot: "ur3", method, lambda})?.[0] ?? null)"""
+    assert browser.execute_script(script) == [0.6464, 0.9134, None, None]
 
 
 def test_a_click_on_a_title_sorts_and_another_one_turns_it_round(opened, tables):

@@ -68,6 +68,17 @@ def test_what_did_not_happen_is_found_though_it_is_signed(stored, tmp_path, caps
     assert "differs: training_seed, stored 7, replayed 42" in shown and shown.count("differs") == 3
 
 
+def test_an_edited_row_is_named_also_if_it_cannot_be_replayed(stored, tmp_path, capsys):
+    table = read_episodes(stored)
+    for column, value, number in (("training_seed", 7, 0), ("checkpoint_hash", "beef", 1)):
+        edited = table.copy()
+        edited.loc[number, column] = value
+        edited.to_parquet(tmp_path / "episodes.parquet")
+        with pytest.raises(SystemExit, match="1"):
+            replay.main(ReplayConfig(table=str(tmp_path), random=2))
+        assert capsys.readouterr().out.count("edited: its row_hash does not fit") == 1
+
+
 def test_a_row_of_other_code_is_replayed_and_the_code_is_named(stored, tmp_path, capsys):
     replay.main(changed(stored, tmp_path, code_version="0123"))
     assert "is of code 0123" in (shown := " ".join(capsys.readouterr().out.split())) and "changed nothing" in shown
@@ -98,7 +109,7 @@ def test_a_row_is_picked_by_hash_or_number_and_has_to_be_there(stored):
     for choice in ({"row": table.row_hash[1][:10]}, {"number": 1}):
         (row,) = replay.chosen_rows(ReplayConfig(table=str(stored / "episodes.parquet"), **choice)).to_dict("records")
         assert row["row_hash"] == table.row_hash[1]
-    with pytest.raises(SettingError, match="has no row 0123456789: it has 2 rows, such as number=0, row="):
+    with pytest.raises(SettingError, match="has no row 0123456789: it has 2 rows, such as row="):
         replay.chosen_rows(ReplayConfig(table=str(stored), row="0123456789"))
     with pytest.raises(SettingError, match="Allowed: exactly one of row=<row_hash>, number=<row> and random=<rows>"):
         replay.chosen_rows(ReplayConfig(table=str(stored), random=2, number=1))

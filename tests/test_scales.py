@@ -8,6 +8,7 @@ from PIL import Image
 from benchmark import field_sensitivity, rollout, scales
 from benchmark.command import SettingError
 from benchmark.config import RobotConfig
+from benchmark.results import read_episodes
 from benchmark.scale_table import scale_table
 from benchmark.scales import ScalesConfig
 from policies.methods import METHODS
@@ -95,7 +96,7 @@ def test_a_sweep_ends_where_the_policy_collapses_and_all_points_share_their_epis
     assert "19 points (direct transfer and 2 methods) x 1 checkpoints x 4 episodes = 76 episodes" in " ".join(
         capsys.readouterr().out.split()
     )
-    table = scales.read_methods(tmp_path / "robust" / "ur3-embodied")
+    table = scales.read_methods(tmp_path / "robust" / "ur3-embodied", range(50_000, 60_000))
     for method in ("away", "towards"):
         assert sorted(table[table.method == method]["lambda"].unique()) == [0.0125, 0.025, 0.05, 0.1]
     points = table.groupby(["method", "lambda"]).episode_seed.agg(sorted)
@@ -112,6 +113,22 @@ def test_what_is_stored_is_not_run_again(simulated, tmp_path):
     simulated.clear()
     scales.main(settings(tmp_path, methods=["towards"], points=2, episodes=5))
     assert simulated == [(method, scale, 50_004) for method, scale in dict.fromkeys(run[:2] for run in before)]
+
+
+def test_edited_episodes_choose_no_scale_and_are_not_gone_on_with(simulated, tmp_path):
+    config = settings(tmp_path, methods=["towards"], points=2)
+    scales.main(config)
+    file = config.folder / "towards" / "episodes.parquet"
+    table = read_episodes(file.parent)
+    table.loc[0, "p2"] = not table.p2[0]
+    table.to_parquet(file)
+    run = dataclasses.replace(config.run(42), method="towards", guidance_scale=None, scales_dir=str(tmp_path))
+    for gone_on in (
+        lambda: scales.with_scale(run),
+        lambda: scales.main(settings(tmp_path, methods=["towards"], episodes=5)),
+    ):
+        with pytest.raises(SettingError, match="towards/episodes.parquet, row 0 .* is not as it was stored"):
+            gone_on()
 
 
 def test_scales_are_chosen_on_validation_episodes_only():
