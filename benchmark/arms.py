@@ -226,8 +226,9 @@ Made by `python -m benchmark.arms`: the scripted oracles on each target arm, {ep
 the arm. *aware*: chooses plan, side and contact of every push by where the arm can be (`envs.aware_oracle`); its score
 is the arm's **ceiling**; what it gives up, having found no push, counts as `dithering`. A change is one choice other
 than the setting's; all else stays. Rows:
-`arms/oracle_episodes.parquet`, code version `{code}`. These rows do not say how they were rounded; the oracles of the
-leaderboard, in `oracle/`, do, are rolled out apart, and may differ in a few episodes.
+`arms/oracle_episodes.parquet`, code version `{code}`. These rows have no hash and do not say how they were
+rounded; those of the leaderboard's oracles, in `oracle/`, have and do, are rolled out apart, and may differ in a few
+episodes.
 
 {tables}
 
