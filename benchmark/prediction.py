@@ -303,7 +303,7 @@ go with failure: r is well below 0. A dash: all scenes are alike. Made by `pytho
 stored episodes. Arms stand as in their setting, or with what is named changed; tools are upright.
 
 Predictors: {predictors}. `infeasible minus energy` is the difference of their r: below 0, the arm alone predicts
-better. Over cells `infeasible` is 0 or 1: where few cells are out of reach its r has a bound above -1, and hardly varies.
+better. Over cells `infeasible` is 0 or 1: where few cells are out of reach its r stays far from -1, and varies little.
 
 Paths: {paths}.
 """
