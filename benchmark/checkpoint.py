@@ -36,6 +36,15 @@ class Checkpoint:
                 f"policy={path} is no LeRobot checkpoint: it lacks {' and '.join(missing)}. "
                 f"Give the folder that they are in, such as outputs/train/act/checkpoints/last/pretrained_model."
             )
+        try:
+            kind = json.loads((folder / "config.json").read_text())["type"]
+        except (ValueError, TypeError, KeyError) as error:
+            raise SettingError(
+                f"policy={path}: its config.json is not LeRobot's of a policy, which names its type. "
+                f"{type(error).__name__}: {error}"
+            ) from error
+        if not isinstance(kind, str):
+            raise SettingError(f"policy={path}: its config.json has type={kind!r}. LeRobot writes a name, such as act.")
         return cls(folder)
 
     @property
@@ -48,6 +57,11 @@ class Checkpoint:
     def type(self) -> str:
         """LeRobot's name of its type of policy."""
         return self._config["type"]
+
+    @property
+    def guidance_scale(self) -> float:
+        """Of the guidance that a policy of our type was saved with; 0 for none."""
+        return self._config.get("guidance_scale", 0.0)
 
     @property
     def policy_hash(self) -> str:

@@ -55,8 +55,8 @@ class EnterConfig:
     """Training seeds of the policies that an entry without a policy of its own guides."""
     output_dir: str = "results/entries"
     """Folder in which a folder of the entry's name gets episodes.parquet and entry.yaml."""
-    device: str = "auto"
-    """Where the policy runs: cpu, cuda, or auto (cuda if there is one)."""
+    device: str = "cpu"
+    """Where the policy runs: cpu, as those that it is compared with, cuda, or auto (cuda if there is one)."""
     slots: int | None = None
     """Rows of the batch in which the policy is evaluated (see benchmark.run); null for the protocol's, as those have
     that it is compared with."""

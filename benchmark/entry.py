@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -86,6 +86,12 @@ class Entry:
         if not self.about.policy:
             return [checkpoint_folder(seed, rank) for seed in seeds for rank in ranks]
         checkpoint = Checkpoint.from_path(str(self._inside(self.about.policy)))
+        if checkpoint.type == GUIDED and checkpoint.guidance_scale:
+            raise SettingError(
+                f"{self.folder / 'entry.yaml'}: policy={self.about.policy} is saved with guidance of its own "
+                f"(guidance_scale={checkpoint.guidance_scale:g}), which is not used here. Set it to 0 in its "
+                "config.json, and bring a class as guidance."
+            )
         if self.about.guidance and checkpoint.type != GUIDED:
             raise SettingError(
                 f"{self.folder / 'entry.yaml'}: guidance needs a policy of type {GUIDED}, whose sampling can be "
@@ -103,6 +109,9 @@ class Entry:
         from benchmark.rollout import Rollout
 
         arm, about = chosen_arm(config), self.about
+        if about.policy and Checkpoint(checkpoint).type == GUIDED:
+            sampler, steps = Checkpoint(checkpoint).sampler  # As it was saved, whatever ours are sampled by.
+            config = replace(config, sampler=sampler, sampling_steps=steps)
         field, path = guidance_field(None if about.field == "none" else about.field, arm, config, console)
         condition = make_condition(config, arm, about.name, about.scale, checkpoint, field, self.files_hash)
         guidance = self._guidance(checkpoint)

@@ -86,6 +86,12 @@ def _checked(theirs: "Guidance", where: str) -> "Guidance":
 
     if not isinstance(theirs.samples, int) or theirs.samples < 1:
         raise SettingError(f"{where}.samples is {theirs.samples!r}. It is a whole number >= 1.")
+    for name, asked, way_out in (
+        ("descent", theirs.looks_ahead, "looks_ahead = True"),
+        ("choose", theirs.samples > 1, "samples = 4, or another number above 1"),
+    ):
+        if not asked and getattr(type(theirs), name) is not getattr(Guidance, name):
+            raise SettingError(f"{where}.{name} would never be asked. Give the class {way_out}.")
 
     def ask(name: str, shape: tuple[int, ...], *given: "Tensor", or_none: bool = False) -> "Tensor | None":
         try:
@@ -97,7 +103,10 @@ def _checked(theirs: "Guidance", where: str) -> "Guidance":
         if not isinstance(answer, torch.Tensor) or answer.shape != shape or not answer.isfinite().all():
             is_tensor = isinstance(answer, torch.Tensor)
             found = f"a tensor {tuple(answer.shape)}" if is_tensor else f"of type {type(answer).__name__}"
-            raise SettingError(f"{where}.{name} gave what is {found}. It gives a tensor {shape} of finite numbers.")
+            raise SettingError(
+                f"{where}.{name} gave what is {found}. It gives a tensor {shape} of finite numbers, also in rows of a "
+                "batch that have no episode, whose effector and scene are zeros."
+            )
         return answer.to(given[0])
 
     class Checked(Guidance):

@@ -24,15 +24,18 @@ class StockPolicy:
         device: cpu or cuda.
 
     Raises:
-        SettingError: If the policy wants what the environments do not show, such as pictures.
+        SettingError: If the policy wants what the environments do not show, such as pictures, or gives other actions.
     """
 
     def __init__(self, checkpoint: Path, device: str) -> None:
         config = PreTrainedConfig.from_pretrained(checkpoint)
         config.device, config.pretrained_path = device, checkpoint
-        shown = GuidedPushEnvConfig().features_map.values()
-        if missing := set(config.input_features) - set(shown):
-            raise SettingError(f"policy={checkpoint} wants {', '.join(sorted(missing))}. Shown: {', '.join(shown)}.")
+        environment = GuidedPushEnvConfig()
+        shown = {name: environment.features[key].shape for key, name in environment.features_map.items()}
+        wanted = {name: tuple(x.shape) for name, x in {**config.input_features, **config.output_features}.items()}
+        if wrong := {name: shape for name, shape in wanted.items() if shown.get(name) != shape}:
+            texts = (", ".join(f"{name} {shape}" for name, shape in x.items()) for x in (wrong, shown))
+            raise SettingError("policy={} has {}. Here there are {}.".format(checkpoint, *texts))
         self.policy = get_policy_class(config.type).from_pretrained(checkpoint, config=config).to(device).eval()
         self.preprocess, self.postprocess = make_pre_post_processors(
             config, str(checkpoint), preprocessor_overrides={"device_processor": {"device": device}}

@@ -87,7 +87,8 @@ def run_sweep(composed: list[tuple[list[str], DictConfig]], launcher: Launcher, 
         folder: Of this sweep; what failed is in its folder `failed`.
 
     Raises:
-        SettingError: If the settings of all jobs are wrong in themselves, or nothing is left to sweep.
+        SettingError: If the settings of all jobs are wrong in themselves, nothing is left to sweep, or a stored row was
+            edited.
     """
     console = Console()
     failed: dict[str, str] = {}
@@ -126,8 +127,9 @@ def run_sweep(composed: list[tuple[list[str], DictConfig]], launcher: Launcher, 
         for job in unfinished(missing)
     } | failed
     say_failed(failed, console)
+    rows = [*rows_of(jobs.values())]
     with unharmed():
-        log_curves(next(iter(configs.values())).wandb, rows_of(jobs.values()), folder.name)
+        log_curves(next(iter(configs.values())).wandb, rows, folder.name)
     if failed:
         console.print(f"Whole reasons: {folder / 'failed'}. The same command goes on where it was.", soft_wrap=True)
         sys.exit(1)

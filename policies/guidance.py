@@ -17,11 +17,13 @@ FLANGE_HEIGHT = 0.06
 class Guidance:
     """What a method may do to the sampling of a chunk of actions; as it stands nothing, which is direct transfer.
 
-    `effector` is the present state of each row: measured x, y, then commanded x, y, world frame, in [m].
+    `effector` is the present state of each row: measured x, y, then commanded x, y, world frame, in [m]. Rows of a
+    batch that have no episode hold zeros, and want finite answers too. All is asked within `torch.inference_mode`: for
+    a gradient by autograd leave it (`with torch.inference_mode(False)`) and clone what was given.
     """
 
     samples = 1
-    """Chunks sampled for each observation."""
+    """Chunks sampled for each observation; of several `choose` is asked for one."""
     looks_ahead = False
     """Whether `descent` is asked at every denoising step."""
 

@@ -11,6 +11,7 @@ from gymnasium.utils.env_checker import check_env
 from envs import ENVIRONMENTS
 from envs.scene import draw_scene
 from envs.workspace import WORKSPACE
+from tests.egl import has_egl, needs_egl
 
 
 def make(robot="xarm6", **arguments):
@@ -20,16 +21,6 @@ def make(robot="xarm6", **arguments):
 @pytest.fixture(scope="module")
 def env():
     return make()
-
-
-def has_egl():
-    try:
-        from mujoco.egl import GLContext
-
-        GLContext(8, 8).free()
-    except Exception:
-        return False
-    return True
 
 
 @pytest.mark.parametrize("robot", ENVIRONMENTS)
@@ -181,9 +172,7 @@ def test_a_vector_environment_with_any_policy_runs():
     envs.close()
 
 
-@pytest.mark.skipif(
-    not has_egl(), reason="No EGL on this machine. On Debian: sudo apt-get install libegl1 libgl1-mesa-dri"
-)
+@needs_egl
 def test_pictures_need_no_display_and_show_something_move():
     env = make("ur3", render_mode="rgb_array")
     env.reset(seed=0)

@@ -15,6 +15,7 @@ from benchmark.known_policies import checkpoint_folder
 from benchmark.make_rollout import make_rollout
 from benchmark.results import OPTIONAL, read_episodes, row_hash, store_episodes
 from benchmark.rollout import play
+from tests.egl import needs_egl
 from tests.made_up_episodes import CONDITION, episode
 
 SEED = 50_015
@@ -30,6 +31,7 @@ def stored(tmp_path_factory):
     return folder
 
 
+@needs_egl
 def test_a_stored_episode_is_played_again_and_shown(stored, tmp_path):
     main(CauseVideosConfig(episodes=str(stored), output_dir=str(tmp_path)))
     with Image.open(tmp_path / "figures" / "causes" / "outer_reach.webp") as picture:

@@ -1,6 +1,7 @@
 """Somebody else's entry: evaluated by one command, and the tables that are sent with one."""
 
 import importlib.util
+import json
 import py_compile
 import re
 import shutil
@@ -12,6 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from rich.console import Console
 
 from benchmark import enter, rollout
 from benchmark.command import SettingError
@@ -242,12 +244,14 @@ def test_an_entry_that_is_random_by_itself_is_refused(tmp_path):
         ("def correct(self, chunk, effector): return None", "correct gave what is of type NoneType"),
         ("def correct(self, chunk, effector): return chunk.numpy()", "correct gave what is of type ndarray"),
         ("def correct(self, chunk, effector): return chunk[:1]", r"correct gave what is a tensor \(1, 4, 2\)"),
-        ("def correct(self, chunk, effector): return chunk / 0", "correct gave .* finite numbers"),
+        ("def correct(self, chunk, effector): return chunk / 0", "correct gave .* finite numbers, also in rows"),
         (
             "def push(self, effector): return effector",
             r"push gave .* \(3, 4\). It gives .* \(3, 2\)",
         ),
-        ("def choose(self, chunks, effector): return chunks", "choose gave"),
+        ("samples = 2\n    def choose(self, chunks, effector): return chunks", "choose gave"),
+        ("def choose(self, chunks, effector): return chunks[:, 0]", "choose would never be asked. .* samples = 4"),
+        ("def descent(self, actions, effector): return actions", "descent would never be asked. .* looks_ahead = True"),
         ("def imagine(self, environment, effector): return environment[0]", "imagine gave"),
         ("samples = 0", "samples is 0"),
     ],
@@ -330,6 +334,20 @@ def test_a_policy_of_our_type_is_an_entry_and_is_left_as_it_is(entry, entered, t
     (row,) = read_trusted(tmp_path / "out" / "own" / "episodes.parquet").to_dict("records")
     same = read_episodes(entered / "mine").iloc[0]  # Which changes nothing either.
     assert row["checkpoint_hash"] == same.checkpoint_hash and row["path_x"].tolist() == same.path_x.tolist()
+
+
+def test_a_policy_of_our_type_samples_as_it_was_saved_and_is_not_guided_twice(tmp_path):
+    own = write_entry(tmp_path / "own", name="own", policy="weights", guidance="")
+    shutil.copytree(checkpoint_folder(42), own / "weights")
+    file = own / "weights" / "config.json"
+    saved = json.loads(file.read_text()) | {"noise_scheduler_type": "DDPM", "num_inference_steps": 7}
+    file.write_text(json.dumps(saved))
+    config, (checkpoint,) = settings(own, tmp_path), Entry.load(own).checkpoints([])
+    condition = Entry.load(own).rollout(config.run("xarm6", "embodied"), checkpoint, Console(quiet=True)).condition
+    assert (condition.sampler, condition.sampling_steps) == ("DDPM", 7)
+    file.write_text(json.dumps(saved | {"guidance_scale": 0.5}))
+    with pytest.raises(SettingError, match="policy=weights is saved with guidance of its own .guidance_scale=0.5"):
+        Entry.load(own).checkpoints([])
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from benchmark.results import Condition
 from benchmark.rollout import Rollout
 from richmap.energy import EnergyField
 from richmap.grid import Grid
+from tests.egl import needs_egl
 
 ROOT = Path(__file__).parents[1]
 
@@ -117,6 +118,7 @@ def test_a_curve_has_a_point_for_each_lambda_over_all_policies(transfer_episodes
         assert point["curve/p2_low"] < point["curve/p2"] < point["curve/p2_high"]
 
 
+@needs_egl
 def test_the_first_episode_is_logged_as_a_video(evaluated, tmp_path, offline_runs):
     config, rollout, episodes = evaluated
     config.wandb.video = True

@@ -7,8 +7,10 @@ from benchmark.config import RobotConfig, RunConfig
 from benchmark.frames import FRAMES, frame_steps, frames_figure, scene_frames
 from benchmark.known_policies import checkpoint_folder
 from benchmark.make_rollout import make_rollout
+from tests.egl import needs_egl
 
 
+@needs_egl
 def test_a_row_starts_with_the_scene_and_goes_on():
     config = RunConfig(robot=RobotConfig("xarm6"), device="cpu")
     frames = scene_frames(make_rollout(config, 0.0, checkpoint_folder(42), Console(quiet=True)), 50_000)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from rich.console import Console
 
 from benchmark.command import SettingError
@@ -16,7 +17,9 @@ from benchmark.guidance_class import GuidanceClass
 from benchmark.known_policies import checkpoint_folder
 from benchmark.make_rollout import make_rollout
 from benchmark.results import read_episodes
-from benchmark.rollout import play
+from benchmark.rollout import load_policy, play
+from richmap.energy import EnergyField
+from richmap.grid import Grid
 
 ROOT = Path(__file__).parents[1]
 CONFIG = RunConfig(robot=RobotConfig("xarm6"), slots=3, device="cpu")
@@ -95,7 +98,7 @@ def test_an_unknown_training_seed_is_refused():
 
 
 def test_a_killed_run_goes_on_where_it_was(tmp_path):
-    settings = ["robot=xarm6", "episodes=6", "slots=2", "workers=1", f"output_dir={tmp_path}", "device=cpu"]
+    settings = ["robot=xarm6", "episodes=20", "slots=2", "workers=1", f"output_dir={tmp_path}", "device=cpu"]
     command = [sys.executable, "-m", "benchmark.run", *settings]
     running = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL)
     deadline = time.monotonic() + 120
@@ -104,11 +107,11 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path):
     os.kill(running.pid, signal.SIGKILL)
     running.wait()
     finished = read_episodes(tmp_path)
-    assert 2 <= len(finished) < 6
+    assert 2 <= len(finished) < 20
 
     subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL, timeout=240)
     table = read_episodes(tmp_path)
-    assert sorted(table.episode_seed) == list(range(100_000, 100_006))
+    assert sorted(table.episode_seed) == list(range(100_000, 100_020))
     again = table[table.episode_seed.isin(finished.episode_seed)].reset_index(drop=True)
     assert again.equals(finished.reset_index(drop=True))
 
@@ -129,6 +132,31 @@ def test_single_choices_of_the_arm_reach_the_environment_and_the_row():
     assert bases == {(0.06, 0.0, 0.0)}
     row = episode.row()
     assert row["base"] == "0.06 0 0" and not row["self_collision"] and row["branch"] == "out"
+
+
+def test_what_was_asked_of_guidance_reaches_the_policy():
+    """Lambda and base: a constant push to the base, 3-4-5."""
+    config = dataclasses.replace(
+        CONFIG, robot=RobotConfig("ur3"), method="towards", arm=ArmConfig(base=[0.06, 0.0, 0.0])
+    )
+    policy = load_policy(make_rollout(config, 0.04, checkpoint_folder(42), Console()))
+    effector = torch.tensor([[0.36, 0.4, 0.0, 0.0]])
+    np.testing.assert_allclose(policy.guidance.push(effector), [[0.024, 0.032]], rtol=1e-5)
+    unguided = load_policy(make_rollout(config, 0.0, checkpoint_folder(42), Console()))
+    assert unguided.guidance.push(effector) is None
+
+
+def test_the_slope_of_the_field_is_added_lambda_times(tmp_path):
+    """The paper's equation 14, from the row of the table to the noise, with E = 3 x - 2 y."""
+    grid = Grid((-1.0, -1.0, -0.8), 0.2, (10, 10, 10))
+    x, y, _ = np.moveaxis(grid.centres().reshape(*grid.shape, 3), -1, 0)
+    about = {"source": "xarm6", "target": "ur3", "fingerprint": "f" * 64}
+    EnergyField(grid, 3 * x - 2 * y, about).save(tmp_path / "field.safetensors")
+    direct = make_rollout(dataclasses.replace(CONFIG, robot=RobotConfig("ur3")), 0.0, checkpoint_folder(42), Console())
+    of_paper = dataclasses.replace(direct.condition, method="paper", guidance_scale=0.5)
+    policy = load_policy(dataclasses.replace(direct, condition=of_paper, field=tmp_path / "field.safetensors"))
+    push = policy.guidance.push(torch.tensor([[0.36, 0.1, 0.0, 0.0]]))
+    np.testing.assert_allclose(push, [[1.5, -1.0]], rtol=1e-4)
 
 
 def test_an_impossible_arm_is_refused():

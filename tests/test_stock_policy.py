@@ -1,7 +1,9 @@
 """Policies of other types than ours, as LeRobot trains and saves them, in our rollouts."""
 
 import dataclasses
+import json
 import os
+import shutil
 import subprocess
 import sys
 
@@ -79,5 +81,24 @@ def test_a_policy_that_wants_pictures_is_refused(untrained, tmp_path):
 
     text = (untrained / "config.json").read_text()
     (tmp_path / "config.json").write_text(text.replace('"observation.state"', '"observation.image"'))
-    with pytest.raises(SettingError, match="wants observation.image. Shown: .*observation.state"):
+    with pytest.raises(SettingError, match=r"has observation.image \(4,\). Here there are action \(2,\), obs"):
         StockPolicy(tmp_path, "cpu")
+
+
+@pytest.mark.parametrize("features, name, size", [("input", "observation.state", 16), ("output", "action", 3)])
+def test_a_policy_for_other_observations_or_actions_is_refused(untrained, tmp_path, features, name, size):
+    from benchmark.stock_policy import StockPolicy
+
+    config = json.loads((untrained / "config.json").read_text())
+    config[f"{features}_features"][name]["shape"] = [size]
+    (tmp_path / "config.json").write_text(json.dumps(config))
+    with pytest.raises(SettingError, match=rf"has {name} \({size},\). Here there are"):
+        StockPolicy(tmp_path, "cpu")
+
+
+@pytest.mark.parametrize("text", ["{", "[]", "{}", '{"type": 3}'])
+def test_a_folder_whose_config_is_no_policys_is_refused(untrained, tmp_path, text):
+    shutil.copy(untrained / "model.safetensors", tmp_path)
+    (tmp_path / "config.json").write_text(text)
+    with pytest.raises(SettingError, match="config.json"):
+        chosen_checkpoint(dataclasses.replace(CONFIG, policy=str(tmp_path)))

@@ -13,7 +13,6 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-import pandas as pd
 import pytest
 from hydra import initialize_config_dir
 from hydra.core.config_store import ConfigStore
@@ -30,11 +29,12 @@ from benchmark.command import SettingError
 from benchmark.config import ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig
 from benchmark.known_policies import checkpoint_folder
 from benchmark.make_rollout import make_rollout
-from benchmark.results import read_episodes
+from benchmark.results import read_episodes, store_episodes
 from benchmark.scales import with_scale
 from benchmark.sweep import RELAUNCHES, failure_file, guides_source, job_name, launch, typed_jobs
 from policies.methods import METHODS
 from richmap.robots import load_robot
+from tests.made_up_episodes import episode
 
 ROOT = Path(__file__).parents[1]
 SEEDS = (42, 43, 44)
@@ -157,20 +157,13 @@ def scales(folder, condition):
     placed = {("direct", 0.0, ""): [0, 0]}
     placed |= {(method, 0.01, field): [0, 1], (method, 0.02, field): [1, 1], (method, 0.04, field): [1, 0]}
     placed |= {(method, 0.02, "another"): [0, 1], (method, 0.04, "another"): [1, 1]}
-    arm = {"robot": "ur3", "setting": "embodied", "base": "0 0 0", "branch": "out", "self_collision": True}
-    arm |= {"joint_limits": True, "orientation_weight": 1.0, "sampler": "DDIM", "sampling_steps": 10}
-    arm |= {"code_version": condition.code_version}
-    rows = [
-        arm
-        | {"method": method, "lambda": scale, "field_fingerprint": field_, "cell_size": 0.02 if field_ else math.nan}
-        | {"checkpoint_hash": "abc", "episode_seed": seed, "p2": p2, "score": p2}
-        for (method, scale, field_), both in placed.items()
-        for seed, p2 in enumerate(both, 50_000)
-    ]
-    rows.append(rows[-1] | {"episode_seed": 100_000, "lambda": 0.08, "p2": 1})  # no validation episode
-    for name, of_method in pd.DataFrame(rows).groupby("method"):
-        (folder / "robust" / "ur3-embodied" / name).mkdir(parents=True)
-        of_method.to_parquet(folder / "robust" / "ur3-embodied" / name / "episodes.parquet")
+    every = [(*point, seed, p2) for point, both in placed.items() for seed, p2 in enumerate(both, 50_000)]
+    every.append((method, 0.08, field, 100_000, 1))  # no validation episode
+    for name, scale, fingerprint, seed, p2 in every:
+        cell_size = 0.02 if fingerprint else math.nan
+        of_field = {"field_fingerprint": fingerprint, "cell_size": cell_size}
+        made = replace(condition, method=name, guidance_scale=scale, **of_field)
+        store_episodes(folder / "robust" / "ur3-embodied" / name, [episode(seed, p2=bool(p2), condition=made)])
     return str(folder)
 
 
@@ -251,6 +244,16 @@ def test_a_killed_sweep_goes_on_where_it_was(swept):
     assert set(rows.method) == {"direct", "paper"}
     kept = rows[rows.row_hash.isin(before.row_hash)]
     assert len(kept) == len(before)
+
+
+def test_a_sweep_does_not_call_edited_rows_stored(swept, tmp_path):
+    rows, *_, folder = swept
+    edited = rows.copy()
+    edited.loc[edited.index[0], "p2"] = not edited.p2.iloc[0]
+    edited.to_parquet(tmp_path / "episodes.parquet")
+    assert sweep(tmp_path, "episodes=4", f"policy={folder / 'good'}").wait(timeout=900) != 0
+    log = (tmp_path / "log.txt").read_text()
+    assert "is not as it was stored" in log and "All is stored" not in log and "Traceback" not in log
 
 
 def test_a_failed_job_leaves_its_reason_and_stops_no_other(swept):
