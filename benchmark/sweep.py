@@ -220,10 +220,10 @@ def rows_of(jobs: Iterable[Job]) -> Iterator[pd.DataFrame]:
     """
     tables = {output_dir: read_episodes(output_dir) for output_dir in {job.output_dir for job in jobs}}
     for job in jobs:
-        rows = episodes_of(tables[job.output_dir], job.rollout.condition)
-        if len(rows := rows[rows.episode_seed.isin(job.seeds)]):
-            check_unedited(rows, job.output_dir / "episodes.parquet")
-            yield rows
+        if len(rows := episodes_of(tables[job.output_dir], job.rollout.condition)):
+            asked = rows[rows.episode_seed.isin(job.seeds)]
+            check_unedited(asked, job.output_dir / "episodes.parquet")
+            yield asked
 
 
 def run_job(config: DictConfig) -> None:

@@ -89,9 +89,12 @@ def test_methods_come_by_their_score_and_the_document_shows_every_group(asked):
     assert [label.get_text() for label in figure.axes[0].get_legend().get_texts()] == ["direct", "paper"]
 
 
+NO_FIELD = {"lambda": 0.0, "cell_size": float("nan")}
+
+
 def test_an_arm_whose_tool_may_lean_is_a_method_of_its_own():
     def on(**changed):
-        return rows("direct", [1], [True]).assign(**arm_columns(replace(ARM, **changed)), **{"lambda": 0.0})
+        return rows("direct", [1], [True]).assign(**arm_columns(replace(ARM, **changed)), **NO_FIELD)
 
     episodes = pd.concat([on(), on(orientation_weight=0.01), on(orientation_weight=0.01, base=(0.1, 0.0, 0.0))])
     assert with_leaning_tools(episodes, ARM).method.tolist() == ["direct", "direct, orientation weight 0.01"]
@@ -109,5 +112,7 @@ def test_oracles_count_only_on_an_arm_that_stood_alike():
 
 
 def test_each_scale_of_a_method_counts_for_itself():
-    episodes = pd.DataFrame({"method": ["paper", "chunk", "chunk"], "lambda": [0.5, 0.25, 1.0]})
+    episodes = pd.DataFrame({"method": ["paper", "chunk", "chunk"], "lambda": [0.5, 0.25, 1.0], "cell_size": 0.05})
     assert by_scale(episodes).method.tolist() == ["paper", "chunk, λ 0.25", "chunk, λ 1"]
+    finer = episodes[:1].assign(cell_size=0.02)
+    assert by_scale(pd.concat([episodes, finer])).method[0].tolist() == ["paper, cells 0.05 m", "paper, cells 0.02 m"]
