@@ -64,6 +64,8 @@ def counted(episodes: "pd.DataFrame", protocol: Protocol, ours: set[str]) -> "pd
 def as_usual(episodes: "pd.DataFrame") -> "pd.DataFrame":
     """The rows for tables that tell methods apart by name and scale: policies as they usually sample, on a CPU.
 
+    How many others there are is printed.
+
     Raises:
         SettingError: If they are of several versions of the code.
     """
@@ -71,6 +73,8 @@ def as_usual(episodes: "pd.DataFrame") -> "pd.DataFrame":
         return episodes
     usual = (episodes.sampler == RunConfig.sampler) & (episodes.sampling_steps == RunConfig.sampling_steps)
     rows = episodes[(usual | (episodes.entry_hash != "")) & (episodes.device == "cpu")]
+    if left_out := len(episodes) - len(rows):
+        print(f"{left_out} episodes of policies that sample otherwise than usual, or on a GPU, are left out.")
     if rows.code_version.nunique() > 1:
         raise SettingError(
             f"There are test episodes by several versions of the code: {', '.join(sorted({*rows.code_version}))}. "

@@ -245,10 +245,7 @@ def test_an_entry_that_is_random_by_itself_is_refused(tmp_path):
         ("def correct(self, chunk, effector): return chunk.numpy()", "correct gave what is of type ndarray"),
         ("def correct(self, chunk, effector): return chunk[:1]", r"correct gave what is a tensor \(1, 4, 2\)"),
         ("def correct(self, chunk, effector): return chunk / 0", "correct gave .* finite numbers, also in rows"),
-        (
-            "def push(self, effector): return effector",
-            r"push gave .* \(3, 4\). It gives .* \(3, 2\)",
-        ),
+        ("def push(self, effector): return effector", r"push gave .* \(3, 4\). It gives .* \(3, 2\)"),
         ("samples = 2\n    def choose(self, chunks, effector): return chunks", "choose gave"),
         ("def choose(self, chunks, effector): return chunks[:, 0]", "choose would never be asked. .* samples = 4"),
         ("def descent(self, actions, effector): return actions", "descent would never be asked. .* looks_ahead = True"),

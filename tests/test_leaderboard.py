@@ -113,12 +113,15 @@ def test_what_others_add_or_what_is_not_whole_changes_nobodys_p_values(boards):
     assert pd.isna(both.iloc[-1]) and not pd.isna(both.iloc[-2])
 
 
-def test_tables_by_name_and_scale_have_policies_as_they_usually_sample_by_one_version_of_the_code(transfer_episodes):
+def test_tables_by_name_and_scale_have_policies_as_they_usually_sample_by_one_version_of_the_code(
+    transfer_episodes, capsys
+):
     assert len(as_usual(transfer_episodes)) == len(transfer_episodes)
     otherwise = transfer_episodes[:3].assign(sampler=["DDPM", "DDIM", "DDIM"], sampling_steps=[100, 20, 10])
     on_gpu = transfer_episodes[:1].assign(device="cuda")
     kept = as_usual(pd.concat([transfer_episodes, otherwise, on_gpu]))
     assert len(kept) == len(transfer_episodes) + 1
+    assert capsys.readouterr().out.startswith("3 episodes of policies that sample otherwise than usual, or on a GPU,")
     with pytest.raises(SettingError, match="by several versions of the code: v1, v2"):
         as_usual(pd.concat([transfer_episodes, transfer_episodes[:1].assign(code_version="v2")]))
     assert as_usual(pd.DataFrame()).empty
