@@ -7,68 +7,9 @@ The oracle's action is always the label. In the disturbed kinds another action i
 how to come back from mistakes. They are not the published data.
 """
 
-import hashlib
-import json
-import os
-import shutil
-from collections.abc import Mapping
-from pathlib import Path
-
-from benchmark.command import SettingError, run_command
-from benchmark.demonstration_recipe import CollectConfig
-
-
-def collect(config: CollectConfig) -> Path:
-    """Collects the demonstrations if they are not there yet, and gives their folder.
-
-    A run that was killed goes on with the chunks of episodes that it had stored, by the same code.
-    """
-    from benchmark.code_version import code_version
-    from benchmark.demonstration_chunks import simulate
-
-    root = Path(config.output_dir)
-    if root.exists():
-        _check_demonstrations(root, config, code_version())
-        return root
-    about = {"recipe": config.recipe, "code": code_version()}
-    chunks = root.parent / f".{root.name}-{digest(about)}"
-    chunks.mkdir(parents=True, exist_ok=True)
-    simulate(config, chunks)
-    _assemble(config, chunks, root, about)
-    shutil.rmtree(chunks)
-    return root
-
-
-def digest(values: Mapping[str, object]) -> str:
-    """Short name for settings: the same for equal ones, another for others."""
-    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:12]
-
-
-def _check_demonstrations(root: Path, config: CollectConfig, code: str) -> None:
-    """Refuse demonstrations that these settings or this version of the code would not make."""
-    file = root / "meta" / "collect.json"
-    if not file.exists():
-        raise SettingError(f"output_dir={root} is there and holds no demonstrations. Choose another folder.")
-    about = json.loads(file.read_text())
-    asked = {**config.recipe, "code": code}
-    made = {**about["recipe"], "code": about.get("code")}
-    different = {key: made.get(key) for key, value in asked.items() if made.get(key) != value}
-    if different:
-        raise SettingError(
-            f"{root} holds demonstrations made otherwise ({different}). Delete the folder or choose another output_dir."
-        )
-
-
-def _assemble(config: CollectConfig, chunks: Path, root: Path, about: Mapping[str, object]) -> None:
-    """Writes the chunks as a LeRobotDataset, which appears under its name when it is complete."""
-    from benchmark.demonstration_chunks import played, stored
-    from benchmark.demonstration_dataset import write_dataset
-
-    partial = root.with_name(f".{root.name}.{os.getpid()}.tmp")
-    write_dataset(stored(config, chunks), partial, config.episodes)
-    about = {**about, "played": played(config, chunks)}
-    (partial / "meta" / "collect.json").write_text(json.dumps(about, indent=2) + "\n")
-    os.replace(partial, root)
+from benchmark.settings.command import run_command
+from benchmark.training.collection import collect
+from benchmark.training.demonstration_recipe import CollectConfig
 
 
 def main(config: CollectConfig) -> None:

@@ -7,8 +7,8 @@ import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from benchmark.command import SettingError, run_command
-from benchmark.config import WandbConfig
+from benchmark.settings.command import SettingError, run_command
+from benchmark.settings.config import WandbConfig
 
 if TYPE_CHECKING:
     from wandb_workspaces.workspaces import Workspace
@@ -28,7 +28,7 @@ def main(config: DashboardConfig) -> None:
     """Save the workspace in the project and print where it is."""
     import wandb
 
-    from benchmark.experiment_log import PATIENCE
+    from benchmark.artifacts.wandb_run import PATIENCE
 
     wandb.setup(wandb.Settings(silent=True))  # Nothing is asked.
     try:
@@ -43,8 +43,8 @@ def main(config: DashboardConfig) -> None:
 
 def workspace(entity: str, project: str) -> "Workspace":
     """What is drawn from the runs of `benchmark.run`, `benchmark.train` and `benchmark.source_policies`."""
-    from benchmark.scores import SCORES
-    from envs.failure import CAUSES
+    from benchmark.scoring.scores import SCORES
+    from envs.block_push.failure import CAUSES
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # It is written in an older style of pydantic.

@@ -6,25 +6,23 @@ python -m benchmark.enter entry=their_entry table=their_entry.parquet
 
 import shutil
 import sys
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from benchmark.command import SettingError, check_setting, run_command
-from benchmark.config import FIRST_TEST_SEED, TASK_ARMS, EnergyConfig, MapConfig, RobotConfig, RunConfig
-from benchmark.entry import Entry
-from benchmark.outputs import replacing
-from benchmark.ranking import PROTOCOLS, Protocol
+from benchmark.artifacts.outputs import replacing
+from benchmark.rollouts.entry import Entry
+from benchmark.rollouts.sent_rows import nearest, otherwise, refusals
+from benchmark.scoring.ranking import PROTOCOLS, Protocol
+from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.config import FIRST_TEST_SEED, TASK_ARMS, EnergyConfig, MapConfig, RobotConfig, RunConfig
 
 if TYPE_CHECKING:
-    import pandas as pd
     from rich.console import Console
 
-    from benchmark.results import Episode
-    from benchmark.rollout import Rollout
+    from benchmark.rollouts.rollout import Rollout
 
 ALONE = 3
 """Episodes of an entry that are run once more, each alone, before its rows stand."""
@@ -119,12 +117,12 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     """Roll out and store what is missing, and print the scores of each arm, setting and policy."""
     import pandas as pd
 
-    from benchmark.arithmetic import arithmetic
-    from benchmark.missing_episodes import run_and_store_all
-    from benchmark.replay import alone
-    from benchmark.results import drop_outdated
-    from benchmark.scores import SCORES, by_condition, with_interval
-    from benchmark.trusted_rows import read_trusted
+    from benchmark.episodes.arithmetic import arithmetic
+    from benchmark.episodes.table import drop_outdated
+    from benchmark.episodes.trusted_rows import read_trusted
+    from benchmark.rollouts.missing_episodes import run_and_store_all
+    from benchmark.rollouts.rollout import alone
+    from benchmark.scoring.scores import SCORES, by_condition, with_interval
 
     folder = Path(run.output_dir)
     if folder.resolve().is_relative_to(entry.folder.resolve()):
@@ -169,8 +167,8 @@ def check(config: EnterConfig, rollouts: "Sequence[Rollout]", console: "Console"
     """Say why the table is refused, and end with status 1, or that it is accepted."""
     import numpy as np
 
-    from benchmark.rollout import roll_out_all
-    from benchmark.trusted_rows import read_trusted
+    from benchmark.episodes.trusted_rows import read_trusted
+    from benchmark.rollouts.rollout import roll_out_all
 
     table = read_trusted(Path(config.table))
     refused = list(refusals(table, rollouts, range(FIRST_TEST_SEED, FIRST_TEST_SEED + config.episodes)))
@@ -193,61 +191,6 @@ def check(config: EnterConfig, rollouts: "Sequence[Rollout]", console: "Console"
     limit = f"; at 95 %, fewer than {3 / len(sample):.0%} of its rows can be edited" if some else ""
     accepted = f"{config.table} is accepted: {len(table)} rows, of which {len(sample)} replay to the last bit{limit}."
     console.print(accepted, soft_wrap=True)
-
-
-def refusals(table: "pd.DataFrame", rollouts: "Sequence[Rollout]", seeds: range) -> Iterator[str]:
-    """Why rows are not those of the rollouts on these episode seeds, row by row."""
-    from benchmark.results import row_name
-
-    found: Counter[tuple[int, int]] = Counter()
-    for number, row in enumerate(table.to_dict("records")):
-        which, differing = nearest(row, rollouts)
-        seed = row["episode_seed"]
-        name = f"row {number} ({row_name(row)})"
-        if differing:
-            said = ", ".join(f"{column} is {stored}, not {ours}" for column, (stored, ours) in differing.items())
-            yield f"{name}: {said}."
-        elif seed not in seeds:
-            yield f"{name}: its seed is none of the protocol's, {seeds[0]} to {seeds[-1]}."
-        elif found[which, seed]:
-            yield f"{name} is there already."
-        else:
-            found[which, seed] += 1
-    for which, rollout in enumerate(rollouts):
-        for seed in seeds:
-            if not found[which, seed]:
-                yield f"{row_name(rollout.condition.row() | {'episode_seed': seed})} is missing."
-
-
-def nearest(row: Mapping[str, Any], rollouts: "Sequence[Rollout]") -> tuple[int, dict[str, tuple[Any, Any]]]:
-    """Which rollout a row differs least from, and the columns in which it does: the row's value and the rollout's."""
-    from benchmark.results import plain
-
-    differing = []
-    for rollout in rollouts:
-        pairs = {name: (plain(row.get(name)), plain(value)) for name, value in rollout.condition.row().items()}
-        differing.append({name: pair for name, pair in pairs.items() if name != "commit" and pair[0] != pair[1]})
-    which = min(range(len(rollouts)), key=lambda i: len(differing[i]))
-    return which, differing[which]
-
-
-def otherwise(rows: "pd.DataFrame", episodes: "Iterable[Episode]") -> Iterator[str]:
-    """In which columns rows differ from their episodes, rolled out again."""
-    from benchmark.progress import progress_bar
-    from benchmark.replay import differences
-    from benchmark.results import IDENTITY, plain, row_name
-
-    def identity(row: Mapping[str, Any]) -> tuple:
-        return tuple(plain(row[name]) for name in IDENTITY)
-
-    stored = {identity(row): row for row in rows.to_dict("records")}
-    with progress_bar() as progress:
-        for episode in progress.track(episodes, total=len(rows), description="Replays"):
-            row = stored[identity(episode.row())]
-            differing = differences(row, episode)
-            if differing:
-                said = ", ".join(f"{name} is {sent}, not {replayed}" for name, (sent, replayed) in differing.items())
-                yield f"{row_name(row)}, replayed: {said}."
 
 
 if __name__ == "__main__":

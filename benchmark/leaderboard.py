@@ -7,10 +7,10 @@ python -m benchmark.leaderboard recipe=clean
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmark.command import SettingError, run_command
-from benchmark.config import FIRST_TEST_SEED
-from benchmark.outputs import replacing
-from benchmark.recipe import SHIPPED, USUAL, check_recipe, recipe_folder
+from benchmark.artifacts.outputs import replacing
+from benchmark.settings.command import SettingError, run_command
+from benchmark.settings.config import FIRST_TEST_SEED
+from benchmark.settings.recipe import SHIPPED, USUAL, check_recipe, recipe_folder
 
 
 @dataclass
@@ -30,12 +30,12 @@ class LeaderboardConfig:
 
 def main(config: LeaderboardConfig) -> None:
     """Write LEADERBOARD.md and leaderboard.html from all tables of episodes in `output_dir`."""
-    from benchmark.known_policies import shipped
-    from benchmark.leaderboard_page import page
-    from benchmark.leaderboard_text import markdown
-    from benchmark.oracle_scores import with_oracles
-    from benchmark.ranking import PROTOCOLS, counted, leaderboard
-    from benchmark.trusted_rows import read_all_episodes
+    from benchmark.artifacts.known_policies import shipped
+    from benchmark.episodes.trusted_rows import read_all_episodes
+    from benchmark.scoring.leaderboard_page import page
+    from benchmark.scoring.leaderboard_text import markdown
+    from benchmark.scoring.oracle_scores import with_oracles
+    from benchmark.scoring.ranking import PROTOCOLS, counted, leaderboard
 
     folder = Path(config.output_dir)
     episodes = read_all_episodes(folder, FIRST_TEST_SEED)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from benchmark.command import SettingError, check_setting, run_command
-from benchmark.config import RobotConfig, check_folder
+from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.config import RobotConfig, check_folder
 
 
 @dataclass
@@ -31,9 +31,9 @@ def main(config: MergeMapsConfig) -> None:
     check_setting(len(config.inputs) >= 2, "inputs", config.inputs, "two map files or more, as in inputs=[a,b]")
     from rich.console import Console
 
-    from richmap.construction import merge
     from richmap.files import FileRefusedError
-    from richmap.reachability_map import ReachabilityMap
+    from richmap.maps.construction import merge
+    from richmap.maps.reachability_map import ReachabilityMap
 
     console, robot, output = Console(), config.robot.load(), Path(config.output)
     try:

@@ -8,28 +8,24 @@ from itertools import batched
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.arm_oracle import ArmOracle, play_chunk
-from benchmark.command import run_command
-from benchmark.config import OracleConfig
+from benchmark.rollouts.arm_oracle import CHUNK, ArmOracle, play_all
+from benchmark.settings.command import run_command
+from benchmark.settings.config import OracleConfig
 
 if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
 
-    from benchmark.results import Episode
-    from envs.outcome import EpisodeOutcome
-
-CHUNK = 25
-"""Episodes that are played and stored together."""
+    from benchmark.episodes.table import Episode
 
 
 def main(config: OracleConfig) -> None:
     """Play the episodes that are not stored, store them, and print the oracle's scores and causes of failure."""
     from rich.console import Console
 
-    from benchmark.arm import arm_name, chosen_arm
-    from benchmark.scores import SCORES, causes_text
-    from benchmark.statistics import rate_interval
+    from benchmark.episodes.arm import arm_name, chosen_arm
+    from benchmark.scoring.scores import SCORES, causes_text
+    from benchmark.scoring.statistics import rate_interval
 
     player = ArmOracle(chosen_arm(config), config.oracle)
     output_dir, console = Path(config.output_dir) / arm_name(player.arm), Console()
@@ -48,8 +44,8 @@ def main(config: OracleConfig) -> None:
 
 def play_missing(player: ArmOracle, config: OracleConfig, output_dir: Path, console: "Console") -> "pd.DataFrame":
     """Rows of all episodes: the stored ones, and the rest played and stored a few at a time."""
-    from benchmark.missing_episodes import run_missing
-    from benchmark.results import Episode
+    from benchmark.episodes.table import Episode
+    from benchmark.rollouts.missing_episodes import run_missing
 
     condition = player.condition
 
@@ -62,17 +58,6 @@ def play_missing(player: ArmOracle, config: OracleConfig, output_dir: Path, cons
     name = f"{player.oracle.capitalize()} oracle on {player.arm.robot}, {player.arm.name}"
     (table,) = run_missing([condition], seeds, lambda _: output_dir, run, name, console)
     return table
-
-
-def play_all(chunks: "list[tuple[ArmOracle, tuple[int, ...]]]", workers: int) -> "Iterator[list[EpisodeOutcome]]":
-    """Outcomes of each chunk, in their order, from worker processes."""
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
-    from richmap.worker import start_worker
-
-    with ProcessPoolExecutor(workers, get_context("spawn"), initializer=start_worker) as pool:
-        yield from pool.map(play_chunk, chunks)
 
 
 if __name__ == "__main__":

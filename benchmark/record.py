@@ -3,25 +3,18 @@
 python -m benchmark.record robot=ur3 lambda=0.5 seed_start=100000 output_dir=results/figures
 """
 
-from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.command import run_command
-from benchmark.config import RunConfig
-from benchmark.known_policies import chosen_checkpoint
-from benchmark.make_rollout import make_rollout
-from benchmark.outputs import replacing
-from benchmark.scales import with_scale
+from benchmark.artifacts.known_policies import chosen_checkpoint
+from benchmark.rollouts.make_rollout import make_rollout
+from benchmark.rollouts.video import record
+from benchmark.settings.command import run_command
+from benchmark.settings.config import RunConfig
+from benchmark.sweeps.chosen_scale import with_scale
 
 if TYPE_CHECKING:
-    import gymnasium
-
-    from benchmark.results import Episode
-    from benchmark.rollout import Rollout
-
-FRAMES_PER_SECOND = 20
-"""Twice the speed of the episode, at a frame per control step."""
+    pass
 
 
 def main(config: RunConfig) -> None:
@@ -40,24 +33,6 @@ def main(config: RunConfig) -> None:
         outcome = episode.outcome
         how = f"failed by {outcome.failure_cause}" if outcome.failure_cause else "both blocks placed"
         console.print(f"{file}: score {outcome.score}, {outcome.length} steps, {how}", soft_wrap=True)
-
-
-def record(rollout: "Rollout", seed: int, file: Path) -> "Episode":
-    """Play one episode and write it as a GIF."""
-    import imageio.v3 as imageio
-
-    from benchmark.replay import alone
-
-    frames, shown = [], cycle([True, False])
-
-    def watch(env: "gymnasium.Env") -> None:
-        if next(shown):
-            frames.append(env.render()[::2, ::2])
-
-    episode = alone(rollout, seed, watch)
-    with replacing(file) as path:
-        imageio.imwrite(path, frames, duration=2000 / FRAMES_PER_SECOND, loop=0)
-    return episode
 
 
 if __name__ == "__main__":

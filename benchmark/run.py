@@ -7,23 +7,24 @@ python -m benchmark.run -m experiment=transfer
 
 from pathlib import Path
 
-from benchmark.command import run_command
-from benchmark.config import RunConfig
-from benchmark.known_policies import chosen_checkpoint
+from benchmark.artifacts.known_policies import chosen_checkpoint
+from benchmark.settings.command import run_command
+from benchmark.settings.config import RunConfig
 
 
 def main(config: RunConfig) -> None:
     """Roll out at lambda and at 0 on the same episodes, store every episode, and print the comparison."""
-    from benchmark.scales import with_scale
+    from benchmark.sweeps.chosen_scale import with_scale
 
     config = with_scale(config)
     checkpoint = chosen_checkpoint(config)
     from rich.console import Console
 
-    from benchmark.experiment_log import log_curves, log_evaluation, log_field, unharmed
-    from benchmark.make_rollout import make_rollout
-    from benchmark.missing_episodes import run_and_store
-    from benchmark.report import print_report
+    from benchmark.artifacts.wandb_run import unharmed
+    from benchmark.rollouts.make_rollout import make_rollout
+    from benchmark.rollouts.missing_episodes import run_and_store
+    from benchmark.scoring.report import print_report
+    from benchmark.sweeps.experiment_log import log_curves, log_evaluation, log_field
 
     console = Console()
     rollouts = [make_rollout(config, scale, checkpoint, console) for scale in sorted({0.0, config.guidance_scale})]

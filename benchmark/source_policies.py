@@ -5,40 +5,20 @@ python -m benchmark.source_policies
 
 import os
 import shutil
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from benchmark.command import SettingError, check_setting, run_command
-from benchmark.config import RobotConfig, RunConfig, WandbConfig, check_folder, check_seeds
-from benchmark.demonstration_recipe import CollectConfig
-from benchmark.outputs import replacing
-from benchmark.recipe import USUAL, check_recipe, policy_name
-from benchmark.train import TrainConfig
+from benchmark.artifacts.outputs import replacing
+from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.config import RobotConfig, RunConfig, WandbConfig, check_folder, check_seeds
+from benchmark.settings.recipe import USUAL, check_recipe, policy_name
+from benchmark.training.recipes import MADE_BY
+from benchmark.training.trainer import TrainConfig
 
 if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """What policies learn from, and how."""
-
-    demonstrations: CollectConfig
-    policy: Mapping[str, Any] = field(default_factory=dict)
-    """Fields of `GuidedPushConfig` that differ from its defaults."""
-
-
-CLEAN = CollectConfig(share_noise=0, share_bursts=0, share_wide=0, share_crowded=0, output_dir="demonstrations/clean")
-
-MADE_BY = {
-    USUAL: Recipe(CollectConfig()),
-    "pair": Recipe(CollectConfig(), {"features": "pair"}),
-    "clean": Recipe(CLEAN, {"displacement": 0.005, "n_obs_steps": 1}),
-}
-"""How the policies of each of `benchmark.recipe.RECIPES` are made."""
 
 
 @dataclass
@@ -94,7 +74,7 @@ def main(config: SourcePoliciesConfig) -> None:
     """Collect, train, validate and publish; a killed run goes on where it was."""
     from rich.console import Console
 
-    from benchmark.side_by_side import train_all
+    from benchmark.training.side_by_side import train_all
 
     console = Console()
     train_all(trainings(config), config.workers)
@@ -127,8 +107,8 @@ def validate(config: SourcePoliciesConfig, console: "Console") -> "pd.DataFrame"
     """Scores of every candidate on the validation episodes: one row each, with its seed, step, folder and hash."""
     import pandas as pd
 
-    from benchmark.make_rollout import make_rollout
-    from benchmark.missing_episodes import run_and_store_all
+    from benchmark.rollouts.make_rollout import make_rollout
+    from benchmark.rollouts.missing_episodes import run_and_store_all
 
     run = RunConfig(
         robot=RobotConfig("xarm6"),
@@ -196,7 +176,7 @@ def _measured(row: tuple, config: SourcePoliciesConfig) -> str:
 
 def log_validation(table: "pd.DataFrame", config: SourcePoliciesConfig) -> None:
     """Validation scores and the published checkpoints, one W&B run per seed."""
-    from benchmark.experiment_log import log_checkpoint, start_experiment
+    from benchmark.artifacts.wandb_run import log_checkpoint, start_experiment
 
     for seed, rows in table.groupby("seed"):
         with start_experiment(config.wandb, f"seed{seed}", str(config.folder), "validate", asdict(config)) as run:
@@ -208,9 +188,9 @@ def log_validation(table: "pd.DataFrame", config: SourcePoliciesConfig) -> None:
 
 def markdown(table: "pd.DataFrame", config: SourcePoliciesConfig) -> str:
     """All candidates as a document."""
-    from benchmark.code_version import code_version
-    from benchmark.scores import with_interval
-    from benchmark.statistics import rate_interval
+    from benchmark.episodes.code_version import code_version
+    from benchmark.scoring.scores import with_interval
+    from benchmark.scoring.statistics import rate_interval
 
     names = ("p1", "p2", "score", "success_at_end")
     shown = table.assign(length=table.length.round(1), hash=table.hash.str[:12])

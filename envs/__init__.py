@@ -21,7 +21,7 @@ ENVIRONMENTS = {
 for _robot, _id in ENVIRONMENTS.items():
     gymnasium.register(
         _id,
-        entry_point="envs.block_push:BlockPushEnv",
+        entry_point="envs.block_push.environment:BlockPushEnv",
         max_episode_steps=MAX_EPISODE_STEPS,
         kwargs={"robot": _robot},
     )

@@ -7,7 +7,7 @@ from lerobot.configs import NormalizationMode, PreTrainedConfig
 from lerobot.optim import AdamWConfig, DiffuserSchedulerConfig
 from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig
 
-from policies.features import KINDS
+from policies.block_push.features import KINDS
 from policies.methods import METHODS
 
 
@@ -36,8 +36,8 @@ class GuidedPushConfig(DiffusionConfig):
     """Action that the denoiser calls 1, in [m]; the oracle's largest step. Actions are clipped to ±1 unit."""
 
     features: str = "relative"
-    """What the denoiser sees (`policies.features.KINDS`): absolute, relative, or pair, which adds the oracle's own
-    geometry."""
+    """What the denoiser sees (`policies.block_push.features.KINDS`): absolute, relative, or pair, which adds the
+    oracle's own geometry."""
     trunk_width: int = 336
     trunk_blocks: int = 3
     """Residual blocks that read the observation, once per chunk."""
@@ -55,8 +55,8 @@ class GuidedPushConfig(DiffusionConfig):
     guidance_scale: float = 0.0
     """Its scale; for `paper` lambda, how much of the energy's slope is added to the noise. 0 turns guidance off."""
     energy_field: str | None = None
-    """Path of a saved `richmap.energy.EnergyField`, for methods that look at one: that of similarity to the source, or
-    that of the arm's own `policies.feasibility.distance_field`."""
+    """Path of a saved `richmap.similarity.energy.EnergyField`, for methods that look at one: that of similarity to the
+    source, or that of the arm's own `policies.feasibility.distance_field`."""
     guidance_base: tuple[float, float] = (0.0, 0.0)
     """Position of the arm's base, x and y in [m], for methods that push from it or to it."""
     guidance_seed: int = 0
@@ -68,7 +68,7 @@ class GuidedPushConfig(DiffusionConfig):
     """Relabel blocks and targets at random in training: an exact symmetry of the task."""
     displacement: float = 0.0
     """Standard deviation per axis of a displacement of the effector in training that the first action makes up for, in
-    [m] (`policies.features.displace`): clean demonstrations show no way back."""
+    [m] (`policies.block_push.features.displace`): clean demonstrations show no way back."""
     average_decay: float = 0.9995
     """Decay per step of the moving average of the weights; checkpoints hold the average."""
     optimizer_lr: float = 1e-3

@@ -4,8 +4,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-from richmap.energy import EnergyField
-from richmap.grid import Grid
+from richmap.geometry.grid import Grid
+from richmap.similarity.energy import EnergyField
 
 SMOOTHING = 1.0
 """Standard deviation of the Gaussian filter over the distance, in [cells]; it rounds the corners of cells."""

@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from richmap.energy import EnergyField
+from richmap.similarity.energy import EnergyField
 
 MARGIN = 0.1
 """How far inside the border of what the arm can hold a cost begins, in [m]. A flange never is beyond that border, so
@@ -16,7 +16,7 @@ a cost that began there would not be felt."""
 
 @runtime_checkable
 class Field(Protocol):
-    """Anything with a slope over the workspace, such as a `richmap.energy.EnergyField`."""
+    """Anything with a slope over the workspace, such as a `richmap.similarity.energy.EnergyField`."""
 
     def gradient(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """Slope at points of the world frame, in [m]."""

@@ -12,9 +12,9 @@ from lerobot.policies.diffusion.modeling_diffusion import DiffusionModel
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 from torch import Tensor
 
+from policies.block_push.features import displace, feature_count, observation_features, permute
 from policies.configuration_guided_push import GuidedPushConfig
 from policies.denoiser import DenoisingHead, Trunk
-from policies.features import displace, feature_count, observation_features, permute
 from policies.guidance import Guidance
 
 

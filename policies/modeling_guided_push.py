@@ -10,10 +10,11 @@ from lerobot.utils.constants import OBS_ENV_STATE, OBS_STATE
 from torch import Tensor
 
 from policies.configuration_guided_push import GuidedPushConfig
-from policies.guidance import Guidance, make_guidance
+from policies.guidance import Guidance
+from policies.guidance_methods import make_guidance
 from policies.guided_diffusion import GuidedDiffusion
 from policies.weight_average import WeightAverage
-from richmap.energy import EnergyField
+from richmap.similarity.energy import EnergyField
 
 
 class GuidedPushPolicy(DiffusionPolicy):

@@ -13,7 +13,7 @@ import safetensors.numpy
 from safetensors import SafetensorError, safe_open
 
 if TYPE_CHECKING:
-    from richmap.robot import RobotDescription
+    from richmap.robots.robot import RobotDescription
 
 DTYPES = {"F32": "<f4", "F64": "<f8", "I64": "<i8", "I32": "<i4", "U32": "<u4", "U16": "<u2", "U8": "<u1", "BOOL": "?"}
 """NumPy's names of the types that safetensors names."""

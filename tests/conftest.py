@@ -21,9 +21,9 @@ def sampled_map():
 
     @functools.cache
     def make(name, grid, configurations):
-        from richmap.kinematics import flange_frames
-        from richmap.reachability_map import Construction, ReachabilityMap
-        from richmap.robots import load_robot
+        from richmap.maps.reachability_map import Construction, ReachabilityMap
+        from richmap.motion.kinematics import flange_frames
+        from richmap.robots.robots import load_robot
 
         robot = load_robot(name)
         joints = np.random.default_rng(0).uniform(robot.lower, robot.upper, (configurations, len(robot.joints)))
@@ -44,9 +44,9 @@ def transfer_episodes():
 
     import pandas as pd
 
-    from benchmark.results import OPTIONAL, Condition, Episode
-    from envs.outcome import EpisodeOutcome
-    from envs.scene import draw_scene
+    from benchmark.episodes.table import OPTIONAL, Condition, Episode
+    from envs.block_push.outcome import EpisodeOutcome
+    from envs.block_push.scene import draw_scene
 
     rng = np.random.default_rng(0)
     about = dict(
@@ -137,8 +137,8 @@ def offline_runs():
 @pytest.fixture(scope="session")
 def synthetic_dataset(tmp_path_factory):
     """A dataset of two made-up demonstrations, laid out as ours are."""
-    from benchmark.demonstration import Demonstration
-    from benchmark.demonstration_dataset import write_dataset
+    from benchmark.training.demonstration import Demonstration
+    from benchmark.training.demonstration_dataset import write_dataset
 
     rng = np.random.default_rng(0)
     root = tmp_path_factory.mktemp("demonstrations") / "synthetic"

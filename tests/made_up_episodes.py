@@ -2,9 +2,9 @@
 
 import dataclasses
 
-from benchmark.results import Condition, Episode
-from envs.outcome import EpisodeOutcome
-from envs.scene import draw_scene
+from benchmark.episodes.table import Condition, Episode
+from envs.block_push.outcome import EpisodeOutcome
+from envs.block_push.scene import draw_scene
 
 CONDITION = Condition(
     robot="ur3", setting="embodied", base="0 0 0", branch="out", self_collision=True, joint_limits=True,

@@ -3,12 +3,19 @@ import pandas as pd
 import pytest
 
 from benchmark import build_maps
-from benchmark.approximate_ik import STEPS, ApproximateIkConfig, descend, main, reachable_poses, turned_to_roll
-from benchmark.config import RobotConfig
-from richmap.collision import self_collision
-from richmap.grid import Grid
-from richmap.kinematics import flange_frames
-from richmap.robots import load_robot
+from benchmark.map_quality.approximate_ik import (
+    STEPS,
+    ApproximateIkConfig,
+    descend,
+    main,
+    reachable_poses,
+    turned_to_roll,
+)
+from benchmark.settings.config import RobotConfig
+from richmap.geometry.grid import Grid
+from richmap.motion.collision import self_collision
+from richmap.motion.kinematics import flange_frames
+from richmap.robots.robots import load_robot
 
 GRID = Grid.around_base(cell_size=0.2, half_width=1.0, z_offset=0.2)
 

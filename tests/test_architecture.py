@@ -19,7 +19,7 @@ def test_only_benchmark_knows_results():
 def test_array_shapes_are_checked_while_testing():
     import numpy as np
 
-    from richmap.similarity import mmd_squared
+    from richmap.similarity.similarity import mmd_squared
 
     with pytest.raises(Exception, match="n 3"):
         mmd_squared(np.ones((4, 2)), np.ones((4, 3)))

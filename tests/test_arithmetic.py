@@ -10,11 +10,11 @@ import torch
 from rich.console import Console
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from benchmark.arithmetic import arithmetic
-from benchmark.config import RobotConfig, RunConfig
-from benchmark.known_policies import checkpoint_folder
-from benchmark.make_rollout import make_rollout
-from benchmark.rollout import load_policy
+from benchmark.artifacts.known_policies import checkpoint_folder
+from benchmark.episodes.arithmetic import arithmetic
+from benchmark.rollouts.make_rollout import make_rollout
+from benchmark.rollouts.rollout import load_policy
+from benchmark.settings.config import RobotConfig, RunConfig
 
 pytestmark = pytest.mark.skipif(platform.machine() != "x86_64", reason="The libraries are told how on x86-64 alone.")
 
@@ -29,11 +29,11 @@ WITHOUT_AVX512 = {
 EPISODE = """
 from pathlib import Path
 from rich.console import Console
-from benchmark.arithmetic import arithmetic
-from benchmark.config import RobotConfig, RunConfig
-from benchmark.replay import alone
-from benchmark.results import row_hash
-from benchmark.make_rollout import make_rollout
+from benchmark.episodes.arithmetic import arithmetic
+from benchmark.settings.config import RobotConfig, RunConfig
+from benchmark.rollouts.rollout import alone
+from benchmark.episodes.table import row_hash
+from benchmark.rollouts.make_rollout import make_rollout
 
 policy = Path("results/checkpoints/seed42-1")
 rollout = make_rollout(RunConfig(robot=RobotConfig("ur3"), method="projection"), 0.02, policy, Console(quiet=True))
@@ -52,7 +52,7 @@ def said(program, **environment):
 
 
 def test_the_tests_round_as_the_processes_that_they_start():
-    assert said("from benchmark.arithmetic import arithmetic; print(arithmetic())") == [arithmetic()]
+    assert said("from benchmark.episodes.arithmetic import arithmetic; print(arithmetic())") == [arithmetic()]
 
 
 def test_an_episode_is_the_same_with_the_instruction_sets_of_an_older_processor():
@@ -64,7 +64,7 @@ def test_an_episode_is_the_same_with_the_instruction_sets_of_an_older_processor(
 
 @pytest.mark.parametrize("otherwise", [{"MKL_CBWR": "AVX2"}, {"OPENBLAS_CORETYPE": "Nehalem"}])
 def test_what_rounds_otherwise_says_so(otherwise):
-    probe = "from benchmark.arithmetic import arithmetic; print(arithmetic())"
+    probe = "from benchmark.episodes.arithmetic import arithmetic; print(arithmetic())"
     assert said(probe, **otherwise) != said(probe)
 
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from benchmark.arm import arm_columns, arm_name, setting_text, stored_arms
-from envs.arms import arm_setting
+from benchmark.episodes.arm import arm_columns, arm_name, setting_text, stored_arms
+from envs.arm.arms import arm_setting
 
 
 @pytest.mark.parametrize(

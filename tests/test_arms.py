@@ -7,8 +7,9 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from benchmark import arms
-from benchmark.arms import (
+from benchmark.settings.config import ORACLES, SETTINGS
+from benchmark.studies import arms
+from benchmark.studies.arms import (
     ArmsConfig,
     OracleCondition,
     arm_conditions,
@@ -18,8 +19,7 @@ from benchmark.arms import (
     store,
     table_row,
 )
-from benchmark.config import ORACLES, SETTINGS
-from envs.arms import arm_setting
+from envs.arm.arms import arm_setting
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from envs import ENVIRONMENTS
-from envs.aware_oracle import AwareOracle
-from envs.feasibility import table_feasibility
-from envs.oracle import run_oracle
-from envs.outcome import summarize
+from envs.arm.feasibility import table_feasibility
+from envs.block_push.aware_oracle import AwareOracle
+from envs.block_push.oracle import run_oracle
+from envs.block_push.outcome import summarize
 
 
 def play(robot, seeds, spacing):

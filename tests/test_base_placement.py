@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from richmap import base_placement
-from richmap.base_placement import place_base
-from richmap.grid import Grid
+from richmap.geometry.grid import Grid
+from richmap.maps import base_placement
+from richmap.maps.base_placement import place_base
 
 
 @pytest.fixture(scope="module")

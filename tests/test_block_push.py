@@ -9,8 +9,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from envs import ENVIRONMENTS
-from envs.scene import draw_scene
-from envs.workspace import WORKSPACE
+from envs.block_push.scene import draw_scene
+from envs.block_push.workspace import WORKSPACE
 from tests.egl import has_egl, needs_egl
 
 
@@ -189,7 +189,7 @@ def test_pictures_need_no_display_and_show_something_move():
 def test_lerobot_finds_the_environment_by_its_type():
     from lerobot.envs.factory import make_env, make_env_config
 
-    import envs.configuration_guided_push  # noqa: F401
+    import envs.block_push.configuration_guided_push  # noqa: F401
 
     config = make_env_config("guided_push", task=ENVIRONMENTS["ur3"])
     vector = make_env(config, n_envs=1)["guided_push"][0]

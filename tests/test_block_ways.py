@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from envs.arms import arm_setting
-from envs.block_ways import LOST, PLACED, BlockWays
-from envs.feasibility import Feasibility, TableFeasibility
+from envs.arm.arms import arm_setting
+from envs.arm.feasibility import Feasibility, TableFeasibility
+from envs.block_push.block_ways import LOST, PLACED, BlockWays
 
 
 def table(allowed):

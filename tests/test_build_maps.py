@@ -4,12 +4,13 @@ import pytest
 from rich.console import Console
 
 from benchmark import build_maps, merge_maps
-from benchmark.build_maps import BuildMapsConfig, MapProgress, energy_field, robot_map
-from benchmark.command import SettingError
-from benchmark.config import EnergyConfig, MapConfig, RobotConfig
+from benchmark.artifacts.maps import MapProgress, energy_field, robot_map
+from benchmark.build_maps import BuildMapsConfig
 from benchmark.merge_maps import MergeMapsConfig
-from richmap.reachability_map import ReachabilityMap
-from richmap.robots import load_robot
+from benchmark.settings.command import SettingError
+from benchmark.settings.config import EnergyConfig, MapConfig, RobotConfig
+from richmap.maps.reachability_map import ReachabilityMap
+from richmap.robots.robots import load_robot
 
 COMMON_BASE = (0.0, 0.0, 0.0)
 COARSE = MapConfig(cell_size=0.2, theta=0.3, draw=200, turns=16, stop_rate=0.2)

@@ -5,19 +5,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from richmap import capability_construction
-from richmap.capability_construction import (
+from richmap.counterparts import capability_construction
+from richmap.counterparts.capability_construction import (
     OrientationSamples,
     QuaternionInserter,
     build_capability_map,
     sample_orientations,
 )
-from richmap.capability_map import CapabilityConstruction, CapabilityMap
+from richmap.counterparts.capability_map import CapabilityConstruction, CapabilityMap
 from richmap.files import FileRefusedError
-from richmap.grid import Grid
-from richmap.kinematics import flange_frames
-from richmap.robots import load_robot
-from richmap.rotations import capacity_bound_so3, quaternions_of, rotation_angle
+from richmap.geometry.grid import Grid
+from richmap.geometry.rotations import capacity_bound_so3, quaternions_of, rotation_angle
+from richmap.motion.kinematics import flange_frames
+from richmap.robots.robots import load_robot
 
 THETA = 0.6
 CUBE = Grid((-0.1, -0.1, -0.1), 0.1, (2, 2, 2))

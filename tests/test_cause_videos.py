@@ -7,14 +7,14 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from benchmark.arithmetic import arithmetic
-from benchmark.cause_videos import CauseVideosConfig, examples, main, markdown
-from benchmark.command import SettingError
-from benchmark.config import RobotConfig, RunConfig
-from benchmark.known_policies import checkpoint_folder
-from benchmark.make_rollout import make_rollout
-from benchmark.results import OPTIONAL, read_episodes, row_hash, store_episodes
-from benchmark.rollout import play
+from benchmark.artifacts.known_policies import checkpoint_folder
+from benchmark.episodes.arithmetic import arithmetic
+from benchmark.episodes.table import OPTIONAL, read_episodes, row_hash, store_episodes
+from benchmark.rollouts.make_rollout import make_rollout
+from benchmark.rollouts.rollout import play
+from benchmark.settings.command import SettingError
+from benchmark.settings.config import RobotConfig, RunConfig
+from benchmark.studies.cause_videos import CauseVideosConfig, examples, main, markdown
 from tests.egl import needs_egl
 from tests.made_up_episodes import CONDITION, episode
 
@@ -52,7 +52,7 @@ def unseen(monkeypatch):
         file.touch()
         return play(rollout, [seed])[0]
 
-    monkeypatch.setattr("benchmark.record.record", record)
+    monkeypatch.setattr("benchmark.rollouts.video.record", record)
 
 
 def edited(stored, folder, **values):

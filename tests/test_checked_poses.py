@@ -3,13 +3,13 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from richmap.checked_poses import checked_poses
-from richmap.coverage import CoverageBitmap
-from richmap.direction_index import DirectionIndex
-from richmap.fraction_map import FractionConstruction, build_fraction_map
-from richmap.grid import Grid
-from richmap.rm4d import RM4DConstruction, build_rm4d
-from richmap.robots import load_robot
+from richmap.counterparts.fraction_map import FractionConstruction, build_fraction_map
+from richmap.counterparts.rm4d import RM4DConstruction, build_rm4d
+from richmap.geometry.checked_poses import checked_poses
+from richmap.geometry.grid import Grid
+from richmap.maps.coverage import CoverageBitmap
+from richmap.maps.direction_index import DirectionIndex
+from richmap.robots.robots import load_robot
 
 GRID = Grid.around_base(0.25, 0.75, 0.0)
 ROBOT = load_robot("ur3")

@@ -9,7 +9,7 @@ import gymnasium
 import pytest
 import torch
 
-from benchmark.checkpoint import Checkpoint
+from benchmark.artifacts.checkpoint import Checkpoint
 from envs import ENVIRONMENTS
 from policies.modeling_guided_push import GuidedPushPolicy
 from policies.noise import episode_noise

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
 
-from benchmark.collect import collect
-from benchmark.command import SettingError
-from benchmark.demonstration import Demonstration, around_blocks, demonstrate, pack, source_env, unpack
-from benchmark.demonstration_recipe import CollectConfig
-from benchmark.known_policies import checkpoint_folder
-from envs.oracle import Oracle
-from envs.scene import START, Scene
+from benchmark.artifacts.known_policies import checkpoint_folder
+from benchmark.settings.command import SettingError
+from benchmark.training.collection import collect
+from benchmark.training.demonstration import Demonstration, around_blocks, demonstrate, pack, source_env, unpack
+from benchmark.training.demonstration_recipe import CollectConfig
+from envs.block_push.oracle import Oracle
+from envs.block_push.scene import START, Scene
 
 KINDS = ("clean", "noise", "bursts", "wide", "crowded")
 

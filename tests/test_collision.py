@@ -4,9 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from richmap.collision import SelfCollision, self_collision
-from richmap.mujoco_model import arm_spec
-from richmap.robots import ROBOTS, load_robot
+from richmap.motion.collision import SelfCollision, self_collision
+from richmap.physics.mujoco_model import arm_spec
+from richmap.robots.robots import ROBOTS, load_robot
 
 
 @pytest.fixture(params=ROBOTS)

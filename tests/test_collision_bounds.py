@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from envs import ENVIRONMENTS
-from envs.collision_bounds import PADDING
+from envs.arm.collision_bounds import PADDING
 
 
 def make(robot, tight=True, **arm):
     with pytest.MonkeyPatch.context() as patch:
         if not tight:
-            patch.setattr("envs.simulation.tighten_bounds", lambda model: None)
+            patch.setattr("envs.block_push.simulation.tighten_bounds", lambda model: None)
         return gymnasium.make(ENVIRONMENTS[robot], disable_env_checker=True, **arm)
 
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmark import command
-from benchmark.config import RunConfig
 from benchmark.replay import ReplayConfig
+from benchmark.settings import command
+from benchmark.settings.config import RunConfig
 
 ROOT = Path(__file__).parents[1]
 BAD = {

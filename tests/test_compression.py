@@ -3,9 +3,9 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from richmap.compression import coverage_fraction, fibonacci_lattice
-from richmap.grid import Grid
-from richmap.reachability_map import ReachabilityMap
+from richmap.geometry.grid import Grid
+from richmap.maps.compression import coverage_fraction, fibonacci_lattice
+from richmap.maps.reachability_map import ReachabilityMap
 
 THETA = 0.3
 

@@ -8,48 +8,36 @@ from hydra import compose, initialize_config_dir
 from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
-from benchmark import command
-from benchmark.ablation import AblationConfig
-from benchmark.approximate_ik import ApproximateIkConfig
-from benchmark.arms import ArmsConfig
 from benchmark.build_maps import BuildMapsConfig
-from benchmark.capability_map import CapabilityMapConfig
-from benchmark.cause_videos import CauseVideosConfig
-from benchmark.config import OracleConfig, RunConfig, VerifyMapsConfig
 from benchmark.dashboard import DashboardConfig
-from benchmark.demonstration_recipe import CollectConfig
 from benchmark.enter import EnterConfig
-from benchmark.environment_speed import EnvironmentSpeedConfig
-from benchmark.failure_places import FailurePlacesConfig
-from benchmark.field_sensitivity import FieldSensitivityConfig
-from benchmark.lambda_curves import LambdaCurvesConfig
 from benchmark.leaderboard import LeaderboardConfig
-from benchmark.lerobot_agreement import LerobotAgreementConfig
-from benchmark.map_growth import MapGrowthConfig
+from benchmark.map_quality.approximate_ik import ApproximateIkConfig
+from benchmark.map_quality.capability_map import CapabilityMapConfig
+from benchmark.map_quality.map_growth import MapGrowthConfig
+from benchmark.map_quality.pictures import PicturesConfig
+from benchmark.map_quality.self_collision import SelfCollisionConfig
+from benchmark.map_quality.speed import SpeedConfig
+from benchmark.map_quality.view import ViewConfig
 from benchmark.merge_maps import MergeMapsConfig
-from benchmark.pictures import PicturesConfig
-from benchmark.place_bases import PlaceBasesConfig
-from benchmark.prediction import PredictionConfig
-from benchmark.replay import ReplayConfig
-from benchmark.response import ResponseConfig
-from benchmark.scales import ScalesConfig
-from benchmark.scene_reach import SceneReachConfig
-from benchmark.self_collision import SelfCollisionConfig
+from benchmark.settings import command
+from benchmark.settings.config import OracleConfig, RunConfig, VerifyMapsConfig
+from benchmark.settings.replay_config import ReplayConfig
 from benchmark.source_policies import SourcePoliciesConfig
-from benchmark.speed import SpeedConfig
-from benchmark.top_view import TopViewConfig
-from benchmark.train import TrainConfig
-from benchmark.view import ViewConfig
+from benchmark.studies.arms import ArmsConfig
+from benchmark.studies.cause_videos import CauseVideosConfig
+from benchmark.studies.environment_speed import EnvironmentSpeedConfig
+from benchmark.studies.lerobot_agreement import LerobotAgreementConfig
+from benchmark.studies.place_bases import PlaceBasesConfig
+from benchmark.studies.top_view import TopViewConfig
+from benchmark.sweeps.scale_sweep import ScalesConfig
+from benchmark.training.demonstration_recipe import CollectConfig
+from benchmark.training.trainer import TrainConfig
 
 SCHEMAS = {
     "run": RunConfig,
     "record": RunConfig,
-    "frames": RunConfig,
     "top_view": TopViewConfig,
-    "lambda_curves": LambdaCurvesConfig,
-    "prediction": PredictionConfig,
-    "failure_places": FailurePlacesConfig,
-    "scene_reach": SceneReachConfig,
     "cause_videos": CauseVideosConfig,
     "build_maps": BuildMapsConfig,
     "merge_maps": MergeMapsConfig,
@@ -63,10 +51,8 @@ SCHEMAS = {
     "replay": ReplayConfig,
     "lerobot_agreement": LerobotAgreementConfig,
     "environment_speed": EnvironmentSpeedConfig,
-    "response": ResponseConfig,
     "collect": CollectConfig,
     "train": TrainConfig,
-    "ablation": AblationConfig,
     "source_policies": SourcePoliciesConfig,
     "self_collision": SelfCollisionConfig,
     "speed": SpeedConfig,
@@ -74,7 +60,6 @@ SCHEMAS = {
     "map_growth": MapGrowthConfig,
     "capability_map": CapabilityMapConfig,
     "approximate_ik": ApproximateIkConfig,
-    "field_sensitivity": FieldSensitivityConfig,
     "pictures": PicturesConfig,
     "view": ViewConfig,
 }

@@ -5,16 +5,16 @@ import sys
 import numpy as np
 import pytest
 
-from richmap.collision import self_collision
-from richmap.construction import build_map, merge
-from richmap.directions import capacity_bound
 from richmap.files import FileRefusedError
-from richmap.grid import Grid
-from richmap.ground import lowest_points
-from richmap.kinematics import flange_frames
-from richmap.reachability_map import Construction, Reach, ReachabilityMap
-from richmap.robots import load_robot
-from richmap.sampling import sample_workspace
+from richmap.geometry.directions import capacity_bound
+from richmap.geometry.grid import Grid
+from richmap.maps.construction import build_map, merge
+from richmap.maps.reachability_map import Construction, Reach, ReachabilityMap
+from richmap.motion.collision import self_collision
+from richmap.motion.ground import lowest_points
+from richmap.motion.kinematics import flange_frames
+from richmap.motion.sampling import sample_workspace
+from richmap.robots.robots import load_robot
 
 GRID = Grid.around_base(cell_size=0.2, half_width=1.0, z_offset=0.2)
 ROBOT = load_robot("xarm6")
@@ -126,10 +126,10 @@ def test_a_roll_that_the_last_joint_cannot_turn_to_is_not_seen(panda_map):
 def test_a_build_goes_on_after_kill_9_and_ends_as_if_it_had_not_been_killed(coarse_map, tmp_path):
     program = f"""
 from pathlib import Path
-from richmap.construction import build_map
-from richmap.grid import Grid
-from richmap.reachability_map import Construction
-from richmap.robots import load_robot
+from richmap.maps.construction import build_map
+from richmap.geometry.grid import Grid
+from richmap.maps.reachability_map import Construction
+from richmap.robots.robots import load_robot
 settings = {coarse(ROBOT)!r}
 grid = {GRID!r}
 if __name__ == "__main__":

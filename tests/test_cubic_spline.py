@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import NdBSpline
 
-from richmap.cubic_spline import CubicSpline
+from richmap.geometry.cubic_spline import CubicSpline
 
 AXES = (np.linspace(-1, 0.4, 8), np.linspace(0.1, 2, 7), np.array([0.0, 0.2, 0.3, 0.6, 0.7, 1.1]))
 

@@ -7,13 +7,13 @@ import pytest
 import trimesh
 
 from benchmark.build_maps import what_is_checked
-from richmap.collision import self_collision
-from richmap.convex_parts import fit_convex_parts
-from richmap.custom import custom_robot
-from richmap.kinematics import flange_frames
-from richmap.mujoco_model import arm_spec
-from richmap.robots import load_robot
-from richmap.sampling import sample_workspace
+from richmap.motion.collision import self_collision
+from richmap.motion.kinematics import flange_frames
+from richmap.motion.sampling import sample_workspace
+from richmap.physics.convex_parts import fit_convex_parts
+from richmap.physics.mujoco_model import arm_spec
+from richmap.robots.custom import custom_robot
+from richmap.robots.robots import load_robot
 
 ARM = """
 <robot name="arm">

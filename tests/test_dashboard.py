@@ -6,8 +6,8 @@ import sys
 from pathlib import Path
 
 from benchmark.dashboard import workspace
-from benchmark.scores import SCORES
-from envs.failure import CAUSES
+from benchmark.scoring.scores import SCORES
+from envs.block_push.failure import CAUSES
 
 ROOT = Path(__file__).parents[1]
 

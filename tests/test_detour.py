@@ -1,6 +1,6 @@
 import numpy as np
 
-from benchmark.detour import KEEP_OFF, LOOK, detour
+from benchmark.training.detour import KEEP_OFF, LOOK, detour
 
 STEP = 0.03
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from richmap.direction_blocks import block_of
-from richmap.direction_index import DirectionIndex
-from richmap.grid import Grid
+from richmap.geometry.direction_blocks import block_of
+from richmap.geometry.grid import Grid
+from richmap.maps.direction_index import DirectionIndex
 
 GRID = Grid((-0.1, -0.1, -0.1), 0.1, (2, 2, 2))
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from richmap.directions import bin_of, bins_per_edge, capacity_bound, neighbour_bins
+from richmap.geometry.directions import bin_of, bins_per_edge, capacity_bound, neighbour_bins
 
 
 def random_directions(n, seed=0):

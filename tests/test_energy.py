@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import convolve
 
-from richmap.energy import SIX_NEIGHBOURS, EnergyField, EnergySettings, propagate, seed_cells
 from richmap.files import FileRefusedError
-from richmap.grid import Grid
-from richmap.similarity import SimilarityGrid
+from richmap.geometry.grid import Grid
+from richmap.similarity.energy import SIX_NEIGHBOURS, EnergyField, EnergySettings, propagate, seed_cells
+from richmap.similarity.similarity import SimilarityGrid
 
 GRID = Grid((-0.5, -0.5, -0.5), 0.1, (10, 10, 10))
 

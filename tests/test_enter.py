@@ -15,17 +15,18 @@ import pytest
 import torch
 from rich.console import Console
 
-from benchmark import enter, rollout
-from benchmark.command import SettingError
+from benchmark import enter
+from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.enter import EnterConfig
-from benchmark.entry import Entry
-from benchmark.guidance_class import GuidanceClass
-from benchmark.known_policies import checkpoint_folder
-from benchmark.ranking import PAPER, STRICT, counted
-from benchmark.results import Episode, read_episodes, row_hash
-from benchmark.trusted_rows import read_trusted
-from envs.outcome import EpisodeOutcome
-from envs.scene import draw_scene
+from benchmark.episodes.table import Episode, read_episodes, row_hash
+from benchmark.episodes.trusted_rows import read_trusted
+from benchmark.rollouts import rollout
+from benchmark.rollouts.entry import Entry
+from benchmark.rollouts.guidance_class import GuidanceClass
+from benchmark.scoring.ranking import PAPER, STRICT, counted
+from benchmark.settings.command import SettingError
+from envs.block_push.outcome import EpisodeOutcome
+from envs.block_push.scene import draw_scene
 
 ROOT = Path(__file__).parents[1]
 SEEDS = [100_000, 100_001, 100_002]

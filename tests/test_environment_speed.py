@@ -4,8 +4,11 @@ import pytest
 import torch
 from rich.console import Console
 
-from benchmark.config import RobotConfig, RunConfig
-from benchmark.environment_speed import (
+from benchmark.artifacts.known_policies import checkpoint_folder
+from benchmark.rollouts.make_rollout import make_rollout
+from benchmark.rollouts.rollout import load_policy
+from benchmark.settings.config import RobotConfig, RunConfig
+from benchmark.studies.environment_speed import (
     EnvironmentSpeedConfig,
     chunk_speeds,
     control_steps,
@@ -13,9 +16,6 @@ from benchmark.environment_speed import (
     timed_episode,
     write,
 )
-from benchmark.known_policies import checkpoint_folder
-from benchmark.make_rollout import make_rollout
-from benchmark.rollout import load_policy
 from envs import ENVIRONMENTS
 
 

@@ -12,14 +12,14 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 
-from benchmark.config import RobotConfig, RunConfig, WandbConfig
-from benchmark.experiment_log import log_checkpoint, log_curves, log_evaluation, log_field, start_experiment, unharmed
-from benchmark.known_policies import checkpoint_folder
-from benchmark.replay import alone
-from benchmark.results import Condition
-from benchmark.rollout import Rollout
-from richmap.energy import EnergyField
-from richmap.grid import Grid
+from benchmark.artifacts.known_policies import checkpoint_folder
+from benchmark.artifacts.wandb_run import log_checkpoint, start_experiment, unharmed
+from benchmark.episodes.table import Condition
+from benchmark.rollouts.rollout import Rollout, alone
+from benchmark.settings.config import RobotConfig, RunConfig, WandbConfig
+from benchmark.sweeps.experiment_log import log_curves, log_evaluation, log_field
+from richmap.geometry.grid import Grid
+from richmap.similarity.energy import EnergyField
 from tests.egl import needs_egl
 
 ROOT = Path(__file__).parents[1]
@@ -84,7 +84,7 @@ def test_artifacts_lead_from_maps_to_evaluation_and_from_a_training(
 ):
     config, rollout, episodes = evaluated
     maps = [sampled_map(name, Grid((-1.0, -1.0, -0.8), 0.2, (10, 10, 10)), 100) for name in ("xarm6", "ur3")]
-    monkeypatch.setattr("benchmark.build_maps.compared_maps", lambda *arguments: maps)
+    monkeypatch.setattr("benchmark.artifacts.maps.compared_maps", lambda *arguments: maps)
     log_field(config, rollout, "a sweep")
     log_field(config, rollout, "a sweep")  # Once is enough.
     log_evaluation(config, rollout, episodes, "a sweep")
@@ -140,7 +140,7 @@ def test_where_nothing_can_be_drawn_the_rest_is_logged(evaluated, tmp_path, offl
     def record(rollout, seed, file):
         raise ImportError("no EGL")
 
-    monkeypatch.setattr("benchmark.record.record", record)
+    monkeypatch.setattr("benchmark.rollouts.video.record", record)
     log_evaluation(config, rollout, episodes, "a sweep")
     (run,) = offline_runs(tmp_path)
     assert len(run.history) == 1
@@ -183,8 +183,8 @@ def test_what_a_full_disk_costs_is_the_log_and_not_the_run(transfer_episodes, tm
 def test_nobody_is_asked_for_an_account(tmp_path):
     """Also at a terminal, where W&B would."""
     code = f"""
-from benchmark.config import WandbConfig
-from benchmark.experiment_log import start_experiment
+from benchmark.settings.config import WandbConfig
+from benchmark.artifacts.wandb_run import start_experiment
 with start_experiment(WandbConfig("online", folder="{tmp_path}"), "seed42", "robust", "train", {{}}) as run:
     run.log({{"train/loss": 0.5}})
 """

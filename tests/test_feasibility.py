@@ -7,13 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from envs.arms import HEIGHT, arm_setting, make_kinematics, start_posture
-from envs.feasibility import Feasibility, table_feasibility
-from envs.inverse_kinematics import MAX_TURN
-from envs.scene import START
-from richmap.closed_form import branches
-from richmap.collision import self_collision
-from richmap.robots import load_robot
+from envs.arm.arms import HEIGHT, arm_setting, make_kinematics, start_posture
+from envs.arm.feasibility import Feasibility, table_feasibility
+from envs.arm.inverse_kinematics import MAX_TURN
+from envs.block_push.scene import START
+from richmap.motion.closed_form import branches
+from richmap.motion.collision import self_collision
+from richmap.robots.robots import load_robot
 
 RINGS = {
     ("ur3", "out"): (0.225, 0.554),
@@ -87,7 +87,7 @@ def test_joint_limits_are_told_from_reach(monkeypatch):
     """An elbow that bends no further than a right angle keeps the arm from what is near."""
     robot = load_robot("ur3")
     upper = np.where(np.arange(6) == 2, np.pi / 2, robot.upper)
-    monkeypatch.setattr("envs.feasibility.load_robot", lambda name: SimpleNamespace(lower=robot.lower, upper=upper))
+    monkeypatch.setattr("envs.arm.feasibility.load_robot", lambda name: SimpleNamespace(lower=robot.lower, upper=upper))
     table = table_feasibility(arm_setting("ur3", self_collision=False), spacing=0.05)
     near = (radii(table) > 0.24) & (radii(table) < 0.30)
     assert set(table.cause[near]) == {Feasibility.JOINT_LIMIT}

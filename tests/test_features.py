@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from policies.features import KINDS, displace, feature_count, observation_features, permute
+from policies.block_push.features import KINDS, displace, feature_count, observation_features, permute
 
 YES, NO = torch.ones(5, dtype=torch.bool), torch.zeros(5, dtype=torch.bool)
 

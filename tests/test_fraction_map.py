@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from richmap.collision import self_collision
+from richmap.counterparts.fraction_map import FULL, FractionConstruction, FractionMap, build_fraction_map
 from richmap.files import FileRefusedError
-from richmap.fraction_map import FULL, FractionConstruction, FractionMap, build_fraction_map
-from richmap.free_samples import free_samples
-from richmap.kinematics import flange_frames
-from richmap.robots import load_robot
-from richmap.turned_cells import NoTurnError, TurnedCells
+from richmap.motion.collision import self_collision
+from richmap.motion.free_samples import free_samples
+from richmap.motion.kinematics import flange_frames
+from richmap.motion.turned_cells import NoTurnError, TurnedCells
+from richmap.robots.robots import load_robot
 
 ROBOT = load_robot("iiwa7")
 SETTINGS = FractionConstruction("iiwa7", ROBOT.fingerprint, cell_size=0.3, angles=6, samples=100_000, seed=0)

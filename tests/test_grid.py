@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from richmap.grid import Grid
+from richmap.geometry.grid import Grid
 
 GRID = Grid.around_base(cell_size=0.05, half_width=1.0, z_offset=0.2)
 

@@ -2,8 +2,8 @@ import numpy as np
 import pinocchio
 import pytest
 
-from richmap.ground import lowest_points
-from richmap.robots import load_robot
+from richmap.motion.ground import lowest_points
+from richmap.robots.robots import load_robot
 
 
 @pytest.mark.parametrize("name", ["xarm6", "ur5e", "panda", "iiwa7"])

@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 import torch
 
+from policies.block_push.push_reach import overreach
+from policies.block_push.reorder import Reorder
 from policies.feasibility import distance_field, feasible_ring
 from policies.fields import MARGIN, Infeasibility, Ring, Towards, Turned
-from policies.guidance import BestOf, Descent, Guidance, Projection, Push, Reorder, make_guidance
+from policies.guidance import Guidance
+from policies.guidance_methods import BestOf, Descent, Projection, Push, make_guidance
 from policies.methods import METHODS
 from policies.modeling_guided_push import GuidedPushPolicy
-from policies.push_reach import overreach
-from richmap.energy import EnergyField
-from richmap.grid import Grid
+from richmap.geometry.grid import Grid
+from richmap.similarity.energy import EnergyField
 
 INNER, OUTER = 0.2, 0.55
 BASE = (0.05, 0.0)

@@ -9,16 +9,18 @@ from diffusers.schedulers.scheduling_ddpm import DDPMScheduler
 from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
 from lerobot.policies import get_policy_class, make_pre_post_processors
 
-from envs import arms, scene
-from policies import features, guidance
+from envs.arm import arms
+from envs.block_push import scene
+from policies import guidance
+from policies.block_push import features
 from policies.configuration_guided_push import GuidedPushConfig
 from policies.feasibility import distance_field
-from policies.guidance import Push, make_guidance
+from policies.guidance_methods import Push, make_guidance
 from policies.methods import METHODS
 from policies.modeling_guided_push import GuidedPushPolicy
 from policies.noise import episode_noise
-from richmap.energy import EnergyField
-from richmap.grid import Grid
+from richmap.geometry.grid import Grid
+from richmap.similarity.energy import EnergyField
 
 ROWS = 6
 

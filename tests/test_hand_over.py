@@ -7,16 +7,16 @@ import pytest
 import torch
 from rich.console import Console
 
-from benchmark.command import SettingError
-from benchmark.config import RobotConfig, RunConfig
-from benchmark.entry import Entry
-from benchmark.guidance_class import GuidanceClass
-from benchmark.known_policies import checkpoint_folder
-from benchmark.rollout import play
-from envs.pushing import push
+from benchmark.artifacts.known_policies import checkpoint_folder
+from benchmark.rollouts.entry import Entry
+from benchmark.rollouts.guidance_class import GuidanceClass
+from benchmark.rollouts.rollout import play
+from benchmark.settings.command import SettingError
+from benchmark.settings.config import RobotConfig, RunConfig
+from envs.block_push.pushing import push
 from policies.feasibility import distance_field
 
-FOLDER = Path(__file__).parents[1] / "benchmark" / "hand_over"
+FOLDER = Path(__file__).parents[1] / "benchmark" / "entries" / "hand_over"
 OUTER = 0.55
 NEAR, FAR, BESIDE = (0.35, -0.2, 1.6), (0.5, -0.22, 1.6), (0.3, -0.4)
 TARGET, TARGET2 = (0.28, 0.2, 3.1), (0.52, 0.2, 3.1)

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from richmap.directions import capacity_bound
-from richmap.grid import Grid
-from richmap.insertion import Inserter
-from richmap.roll import FULL_CIRCLE, axis_at_roll, roll_about
-from richmap.sampling import Orbits
-from richmap.torch_twin import TorchPhase1
+from richmap.geometry.directions import capacity_bound
+from richmap.geometry.grid import Grid
+from richmap.geometry.roll import FULL_CIRCLE, axis_at_roll, roll_about
+from richmap.maps.insertion import Inserter
+from richmap.maps.torch_twin import TorchPhase1
+from richmap.motion.sampling import Orbits
 
 THETA = 0.3
 GRID = Grid((-0.1, -0.1, -0.1), 0.1, (2, 2, 2))

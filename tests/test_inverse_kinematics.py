@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from envs.arms import ARMS, HEIGHT, POSTURES, arm_setting, make_kinematics, start_posture
-from envs.inverse_kinematics import ITERATIONS, MAX_TURN
-from envs.scene import START
-from richmap.robots import load_robot
+from envs.arm.arms import ARMS, HEIGHT, POSTURES, arm_setting, make_kinematics, start_posture
+from envs.arm.inverse_kinematics import ITERATIONS, MAX_TURN
+from envs.block_push.scene import START
+from richmap.robots.robots import load_robot
 
 BRANCHES = [branch for branch in POSTURES if branch != ("ur3", "in")]
 

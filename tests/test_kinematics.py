@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from richmap.kinematics import flange_frames
-from richmap.robots import ROBOTS, load_robot
+from richmap.motion.kinematics import flange_frames
+from richmap.robots.robots import ROBOTS, load_robot
 
 
 @pytest.mark.parametrize("name", ROBOTS)

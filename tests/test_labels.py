@@ -1,13 +1,14 @@
 import numpy as np
 import pytest
 
-from benchmark import cache, labels, poses
-from benchmark.label_errors import label_errors
-from benchmark.labels import CHUNK, TEST_SETS, LabelledPoses, label, labelled, make_test_set
-from richmap import inverse_kinematics
+from benchmark.artifacts import cache
+from benchmark.map_quality import labels, poses
+from benchmark.map_quality.label_errors import label_errors
+from benchmark.map_quality.labels import CHUNK, TEST_SETS, LabelledPoses, label, labelled, make_test_set
 from richmap.files import FileRefusedError
-from richmap.reach import reach_ball
-from richmap.robots import load_robot
+from richmap.motion import inverse_kinematics
+from richmap.motion.reach import reach_ball
+from richmap.robots.robots import load_robot
 
 
 @pytest.fixture

@@ -9,19 +9,18 @@ import pandas as pd
 import pytest
 from omegaconf import OmegaConf
 
-from benchmark import known_policies
-from benchmark.arm import ARM, setting_text
-from benchmark.command import CONF, SettingError
-from benchmark.config import FIRST_TEST_SEED, TASK_ARMS, RunConfig
-from benchmark.known_policies import shipped
-from benchmark.lambda_curves import curves
+from benchmark.artifacts import known_policies
+from benchmark.artifacts.known_policies import shipped
+from benchmark.episodes.arm import ARM, setting_text
+from benchmark.episodes.table import read_episodes
 from benchmark.leaderboard import LeaderboardConfig, main
-from benchmark.leaderboard_text import beside_the_paper, markdown
-from benchmark.oracle_scores import with_oracles
-from benchmark.ranking import PAPER, PROTOCOLS, STRICT, adjusted, as_usual, counted, counted_by_any, leaderboard
-from benchmark.recipe import SHIPPED, USUAL, recipe_folder
-from benchmark.results import read_episodes
-from benchmark.statistics import holm, paired_p_value
+from benchmark.scoring.leaderboard_text import beside_the_paper, markdown
+from benchmark.scoring.oracle_scores import with_oracles
+from benchmark.scoring.ranking import PAPER, PROTOCOLS, STRICT, adjusted, as_usual, counted, counted_by_any, leaderboard
+from benchmark.scoring.statistics import holm, paired_p_value
+from benchmark.settings.command import CONF, SettingError
+from benchmark.settings.config import FIRST_TEST_SEED, TASK_ARMS, RunConfig
+from benchmark.settings.recipe import SHIPPED, USUAL, recipe_folder
 
 OURS = {f"hash of seed{seed}" for seed in ("42-1", "42-2", "43-1", "44-1")}
 
@@ -283,48 +282,6 @@ def test_what_is_run_by_a_protocol_is_what_counts(protocol):
 def test_nine_policies_ship_and_rows_of_them_are_stored(recipe):
     rows = read_episodes(Path("results/transfer", recipe, "ur3-original"), ["checkpoint_hash"])
     assert shipped(recipe) == {*rows.checkpoint_hash} and len(shipped(recipe)) == 9
-
-
-def test_the_curves_pass_through_the_table(boards):
-    figure = curves(boards[PAPER])
-    titles = [ax.get_title().split(",")[0] for ax in figure.axes]
-    assert titles == ["xarm6", "ur3"] * 2  # score above, p2 below
-    ur3 = boards[PAPER].query("robot == 'ur3'").sort_values("lambda")
-    line = figure.axes[1].containers[0].lines[0]
-    assert line.get_xdata().tolist() == [0.0, 0.5, 1.0]
-    assert line.get_ydata().tolist() == pytest.approx((100 * ur3.score).tolist())
-    lowest = 100 * min(boards[PAPER].score_low.min(), boards[PAPER].score_least.min())
-    assert all(ax.get_ylim()[0] < lowest < ax.get_ylim()[1] for ax in figure.axes[:2])  # Nothing is cut off.
-
-
-def test_the_legend_names_every_line_of_every_panel_by_its_colour(boards):
-    ur3 = boards[PAPER].query("robot == 'ur3'")
-    on_ur3_alone = ur3.query("method == 'paper'").assign(method="towards", field_fingerprint="", cell_size=float("nan"))
-    figure = curves(pd.concat([boards[PAPER], on_ur3_alone, ur3.assign(robot="ur10")]))
-    (legend,) = figure.legends
-    colors = {line.get_label(): line.lines[0].get_color() for ax in figure.axes for line in ax.containers}
-    assert colors.keys() <= {text.get_text() for text in legend.get_texts()}
-    assert len({*colors.values()}) == len(colors) == 3  # direct on the xArm6, paper, towards
-    drawn = [line.lines[0].get_color() for ax in figure.axes for line in ax.containers]
-    assert {*drawn} == {*colors.values()}
-
-
-def test_each_field_has_a_curve_of_its_own(boards):
-    other = boards[PAPER].query("method == 'paper'").assign(field_fingerprint="other", cell_size=0.02)
-    ax = curves(pd.concat([boards[PAPER], other])).axes[1]
-    curves_of = {line.get_label().split(":")[0]: line.lines[0].get_xdata().tolist() for line in ax.containers}
-    assert curves_of == {f"paper, cells {cell} m": [0.0, 0.5, 1.0] for cell in (0.05, 0.02)}
-
-
-def test_the_papers_range_of_lambda_keeps_most_of_the_axis_when_lambda_doubles_beyond_it(boards):
-    beyond = [boards[PAPER].query("`lambda` == 1").assign(**{"lambda": scale}) for scale in (2.0, 4.0, 8.0)]
-    figure = curves(pd.concat([boards[PAPER], *beyond]))
-    figure.draw_without_rendering()
-    for ax in figure.axes:
-        zero, one, eight = (ax.transData.transform((scale, 50))[0] for scale in (0, 1, 8))
-        assert one - zero > eight - one
-    lowest = figure.axes[-1].get_xticklabels()
-    assert [text.get_text() for text in lowest] == ["0", "0.2", "0.4", "0.6", "0.8", *"1248"]
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,9 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 
-from benchmark.leaderboard_page import page
-from benchmark.oracle_scores import with_oracles
-from benchmark.ranking import PAPER, PROTOCOLS, STRICT, counted, leaderboard
+from benchmark.scoring.leaderboard_page import page
+from benchmark.scoring.oracle_scores import with_oracles
+from benchmark.scoring.ranking import PAPER, PROTOCOLS, STRICT, counted, leaderboard
 
 RESULTS = Path(__file__).parents[1] / "results"
 QUIET = [

@@ -9,14 +9,14 @@ import pytest
 import torch
 from rich.console import Console
 
-from benchmark.config import RobotConfig, RunConfig
-from benchmark.known_policies import checkpoint_folder
-from benchmark.lerobot_agreement import compare, lerobot_eval
-from benchmark.make_rollout import make_rollout
-from benchmark.results import store_episodes
-from benchmark.rollout import play
+from benchmark.artifacts.known_policies import checkpoint_folder
+from benchmark.episodes.table import store_episodes
+from benchmark.rollouts.make_rollout import make_rollout
+from benchmark.rollouts.rollout import play
+from benchmark.settings.config import RobotConfig, RunConfig
+from benchmark.studies.lerobot_agreement import compare, lerobot_eval
 from envs import ENVIRONMENTS
-from envs.configuration_guided_push import GuidedPushEnvConfig
+from envs.block_push.configuration_guided_push import GuidedPushEnvConfig
 from policies.modeling_guided_push import GuidedPushPolicy
 
 FIRST = 50_014  # Of three episodes, even as rows are. In the second a block starts 0.585 m away: no UR3 gets behind it.

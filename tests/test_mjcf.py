@@ -9,10 +9,10 @@ import pinocchio
 import pytest
 import trimesh
 
-from richmap.custom import custom_robot
-from richmap.kinematics import flange_frames
-from richmap.mjcf import urdf_from_mjcf
-from richmap.robots import ROBOTS, load_robot
+from richmap.motion.kinematics import flange_frames
+from richmap.robots.custom import custom_robot
+from richmap.robots.mjcf import urdf_from_mjcf
+from richmap.robots.robots import ROBOTS, load_robot
 
 ARM = """
 <mujoco>
@@ -179,7 +179,9 @@ def test_bodies_that_are_only_seen_are_moved_along(file):
 @pytest.mark.parametrize("kernels", ["Sandybridge", "Haswell"])
 def test_a_description_is_the_same_text_with_the_products_of_another_processor(kernels):
     """Maps and convex parts are made for a description: another processor must not refuse them."""
-    program = "from richmap.robots import ROBOTS, load_robot; print(*(load_robot(x).fingerprint for x in ROBOTS))"
+    program = (
+        "from richmap.robots.robots import ROBOTS, load_robot; print(*(load_robot(x).fingerprint for x in ROBOTS))"
+    )
     done = subprocess.run(
         [sys.executable, "-c", program], env=os.environ | {"OPENBLAS_CORETYPE": kernels}, capture_output=True, text=True
     )

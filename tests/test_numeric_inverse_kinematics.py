@@ -5,12 +5,18 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from richmap.closed_form import branches, has_closed_form, solve_closed_form
-from richmap.collision import self_collision
-from richmap.inverse_kinematics import ANGLE_TOLERANCE, POSITION_TOLERANCE, refine, solve, starting_configurations
-from richmap.kinematics import flange_frames
-from richmap.reach import beyond_reach, reach_ball
-from richmap.robots import ROBOTS, load_robot
+from richmap.motion.closed_form import branches, has_closed_form, solve_closed_form
+from richmap.motion.collision import self_collision
+from richmap.motion.inverse_kinematics import (
+    ANGLE_TOLERANCE,
+    POSITION_TOLERANCE,
+    refine,
+    solve,
+    starting_configurations,
+)
+from richmap.motion.kinematics import flange_frames
+from richmap.motion.reach import beyond_reach, reach_ball
+from richmap.robots.robots import ROBOTS, load_robot
 
 
 def random_configurations(robot, n, seed=0):

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from envs import ENVIRONMENTS
-from envs.oracle import PLANS, Oracle, run_oracle
-from envs.outcome import summarize
+from envs.block_push.oracle import PLANS, Oracle, run_oracle
+from envs.block_push.outcome import summarize
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from envs import ENVIRONMENTS
-from envs.failure import CAUSES
-from envs.outcome import summarize
-from envs.scene import draw_scene
-from envs.success import both_placed, inside, rewards, score
+from envs.block_push.failure import CAUSES
+from envs.block_push.outcome import summarize
+from envs.block_push.scene import draw_scene
+from envs.block_push.success import both_placed, inside, rewards, score
 
 TARGETS = np.array([[0.28, 0.2], [0.52, 0.2]])
 

@@ -1,7 +1,7 @@
 import pandas as pd
 import pytest
 
-from benchmark.outputs import replacing, store_rows
+from benchmark.artifacts.outputs import replacing, store_rows
 
 
 def rows(*values):

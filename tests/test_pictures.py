@@ -2,12 +2,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmark import build_maps, pictures
-from benchmark.config import RobotConfig
-from benchmark.pictures import PicturesConfig
-from richmap.compression import coverage_fraction
-from richmap.grid import Grid
-from richmap.similarity import similarity
+from benchmark import build_maps
+from benchmark.map_quality import pictures
+from benchmark.map_quality.pictures import PicturesConfig
+from benchmark.settings.config import RobotConfig
+from richmap.geometry.grid import Grid
+from richmap.maps.compression import coverage_fraction
+from richmap.similarity.similarity import similarity
 
 GRID = Grid.around_base(cell_size=0.1, half_width=0.8, z_offset=0.2)
 

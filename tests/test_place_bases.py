@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from benchmark.place_bases import (
+from benchmark.studies.place_bases import (
     PLACES_X,
     PLACES_Y,
     PlaceBasesConfig,
@@ -15,8 +15,8 @@ from benchmark.place_bases import (
     feasible_share,
     markdown,
 )
-from envs.arms import ARMS, SETTINGS, make_kinematics, start_posture
-from richmap.base_placement import BasePlacement
+from envs.arm.arms import ARMS, SETTINGS, make_kinematics, start_posture
+from richmap.maps.base_placement import BasePlacement
 
 BASES = np.array([(x, y, 0.0, 0.0) for x, y in product(PLACES_X, PLACES_Y)])
 HERE, THERE, FAR = 170, 200, 10

@@ -3,10 +3,10 @@ from itertools import groupby
 import numpy as np
 import pytest
 
-from richmap.grid import Grid
-from richmap.kinematics import flange_frames
-from richmap.pose_queries import filter_grasps, nearest_poses, reach_along_path
-from richmap.robots import load_robot
+from richmap.geometry.grid import Grid
+from richmap.maps.pose_queries import filter_grasps, nearest_poses, reach_along_path
+from richmap.motion.kinematics import flange_frames
+from richmap.robots.robots import load_robot
 
 ROBOT = load_robot("xarm6")
 GRID = Grid.around_base(cell_size=0.2, half_width=0.8, z_offset=0.2)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from envs.arms import arm_setting
-from envs.feasibility import Feasibility, TableFeasibility
-from envs.pusher_path import KEEP_OFF, is_free, next_point
+from envs.arm.arms import arm_setting
+from envs.arm.feasibility import Feasibility, TableFeasibility
+from envs.block_push.pusher_path import KEEP_OFF, is_free, next_point
 
 
 @pytest.fixture(scope="module")

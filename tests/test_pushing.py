@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from envs import ENVIRONMENTS
-from envs.pushing import FRICTION, HALF_EDGE, PUSHER_RADIUS, push
-from envs.scene import draw_scene
+from envs.block_push.pushing import FRICTION, HALF_EDGE, PUSHER_RADIUS, push
+from envs.block_push.scene import draw_scene
 
 TOUCH = HALF_EDGE + PUSHER_RADIUS
 

@@ -8,15 +8,15 @@ import pytest
 from rich.console import Console
 
 from benchmark import oracle, replay
-from benchmark.command import SettingError
-from benchmark.config import EnergyConfig, MapConfig, OracleConfig, RobotConfig, RunConfig
-from benchmark.field_settings import note_settings
-from benchmark.known_policies import checkpoint_folder
-from benchmark.make_rollout import make_rollout
-from benchmark.replay import ReplayConfig
-from benchmark.results import COLUMNS, read_episodes, row_hash, store_episodes
-from benchmark.rollout import play
-from benchmark.trusted_rows import read_trusted
+from benchmark.artifacts.known_policies import checkpoint_folder
+from benchmark.episodes.table import COLUMNS, read_episodes, row_hash, store_episodes
+from benchmark.episodes.trusted_rows import read_trusted
+from benchmark.rollouts.field_settings import note_settings
+from benchmark.rollouts.make_rollout import make_rollout
+from benchmark.rollouts.rollout import play
+from benchmark.settings.command import SettingError
+from benchmark.settings.config import EnergyConfig, MapConfig, OracleConfig, RobotConfig, RunConfig
+from benchmark.settings.replay_config import ReplayConfig
 
 CONFIG = RunConfig(robot=RobotConfig("xarm6"), slots=2, device="cpu", method="towards", guidance_scale=0.01)
 

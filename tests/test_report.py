@@ -5,8 +5,8 @@ import dataclasses
 import pandas as pd
 from rich.console import Console
 
-from benchmark.report import print_report
-from benchmark.results import OPTIONAL
+from benchmark.episodes.table import OPTIONAL
+from benchmark.scoring.report import print_report
 from tests.made_up_episodes import CONDITION, episode
 
 

@@ -7,15 +7,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from benchmark.results import (
-    COLUMNS,
-    episodes_of,
-    read_episodes,
-    row_hash,
-    store_episodes,
-)
-from benchmark.scores import by_condition, paired
-from benchmark.trusted_rows import read_all_episodes
+from benchmark.episodes.table import COLUMNS, episodes_of, read_episodes, row_hash, store_episodes
+from benchmark.episodes.trusted_rows import read_all_episodes
+from benchmark.scoring.scores import by_condition, paired
 from tests.made_up_episodes import CONDITION, episode
 
 
@@ -43,7 +37,7 @@ import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from made_up_episodes import episode
-from benchmark.results import store_episodes
+from benchmark.episodes.table import store_episodes
 for seed in range(int(sys.argv[3]), int(sys.argv[3]) + 5):
     store_episodes(Path(sys.argv[2]), [episode(seed)])
 """

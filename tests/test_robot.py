@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 import torch
 
-from richmap.kinematics import flange_frames
-from richmap.mujoco_model import arm_spec
-from richmap.robots import ROBOTS, load_robot
+from richmap.motion.kinematics import flange_frames
+from richmap.physics.mujoco_model import arm_spec
+from richmap.robots.robots import ROBOTS, load_robot
 
 UR_DH = {  # d1, a2, a3, d4, d5, d6 as published by Universal Robots, in [m]
     "ur3": (0.1519, -0.24365, -0.21325, 0.11235, 0.08535, 0.0819),

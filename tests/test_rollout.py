@@ -11,15 +11,15 @@ import pytest
 import torch
 from rich.console import Console
 
-from benchmark.command import SettingError
-from benchmark.config import ArmConfig, RobotConfig, RunConfig
-from benchmark.guidance_class import GuidanceClass
-from benchmark.known_policies import checkpoint_folder
-from benchmark.make_rollout import make_rollout
-from benchmark.results import read_episodes
-from benchmark.rollout import load_policy, play
-from richmap.energy import EnergyField
-from richmap.grid import Grid
+from benchmark.artifacts.known_policies import checkpoint_folder
+from benchmark.episodes.table import read_episodes
+from benchmark.rollouts.guidance_class import GuidanceClass
+from benchmark.rollouts.make_rollout import make_rollout
+from benchmark.rollouts.rollout import load_policy, play
+from benchmark.settings.command import SettingError
+from benchmark.settings.config import ArmConfig, RobotConfig, RunConfig
+from richmap.geometry.grid import Grid
+from richmap.similarity.energy import EnergyField
 
 ROOT = Path(__file__).parents[1]
 CONFIG = RunConfig(robot=RobotConfig("xarm6"), slots=3, device="cpu")

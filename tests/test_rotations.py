@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from richmap.rotations import capacity_bound_so3, quaternions_of, rotation_angle
+from richmap.geometry.rotations import capacity_bound_so3, quaternions_of, rotation_angle
 
 
 def test_the_papers_bound():

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from richmap.collision import self_collision
-from richmap.kinematics import flange_frames
-from richmap.robots import ROBOTS, load_robot
-from richmap.sampling import roll_gap, sample_workspace
+from richmap.motion.collision import self_collision
+from richmap.motion.kinematics import flange_frames
+from richmap.motion.sampling import roll_gap, sample_workspace
+from richmap.robots.robots import ROBOTS, load_robot
 
 
 @pytest.fixture(params=ROBOTS)

@@ -5,12 +5,13 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from benchmark import field_sensitivity, rollout, scales
-from benchmark.command import SettingError
-from benchmark.config import RobotConfig
-from benchmark.results import read_episodes
-from benchmark.scale_table import scale_table
-from benchmark.scales import ScalesConfig
+from benchmark import scales
+from benchmark.episodes.table import read_episodes
+from benchmark.rollouts import arm_oracle, rollout
+from benchmark.scoring.scale_table import scale_table
+from benchmark.settings.command import SettingError
+from benchmark.settings.config import RobotConfig
+from benchmark.sweeps.scale_sweep import ScalesConfig
 from policies.methods import METHODS
 from tests.made_up_episodes import CONDITION, episode
 
@@ -81,8 +82,8 @@ def simulated(monkeypatch):
             yield [episode(seed, p2=push < 0.1, condition=job.condition) for seed in seeds]
 
     monkeypatch.setattr(rollout, "roll_out_all", roll_out_all)
+    monkeypatch.setattr(arm_oracle, "demonstrated_path", lambda *_: path)
     path = np.random.default_rng(0).uniform([0.2, -0.4, 0], [0.5, 0.2, 0], (300, 3))
-    monkeypatch.setattr(field_sensitivity, "demonstrated_path", lambda *_: path)
     return ran
 
 

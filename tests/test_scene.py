@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from envs.scene import BLOCK_DIAGONAL, MIN_BLOCK_DISTANCE, draw_crowded_scene, draw_scene, draw_wide_scene
-from envs.workspace import WORKSPACE
+from envs.block_push.scene import BLOCK_DIAGONAL, MIN_BLOCK_DISTANCE, draw_crowded_scene, draw_scene, draw_wide_scene
+from envs.block_push.workspace import WORKSPACE
 
 # From the original environment; by seed: x, y, yaw of block, block2, target, target2, then the oracle's mode.
 GOLDEN = {

@@ -3,8 +3,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from benchmark.self_collision import LET_THROUGH, REJECTED, SelfCollisionConfig, main
-from richmap.robots import ROBOTS, load_robot
+from benchmark.map_quality.self_collision import LET_THROUGH, REJECTED, SelfCollisionConfig, main
+from richmap.robots.robots import ROBOTS, load_robot
 
 COMMITTED = Path(__file__).parents[1] / "results" / "self_collision.parquet"
 

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from richmap.grid import Grid, GridMismatchError
-from richmap.reachability_map import Construction, ReachabilityMap
-from richmap.similarity import direction_moments, kernel, mmd_squared, similarity
+from richmap.geometry.grid import Grid, GridMismatchError
+from richmap.maps.reachability_map import Construction, ReachabilityMap
+from richmap.similarity.similarity import direction_moments, kernel, mmd_squared, similarity
 
 GRID = Grid((0.0, 0.0, 0.0), 0.5, (2, 2, 2))
 

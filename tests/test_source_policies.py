@@ -3,18 +3,11 @@
 import pandas as pd
 import pytest
 
-from benchmark.command import SettingError
-from benchmark.config import WandbConfig
-from benchmark.recipe import RECIPES
-from benchmark.source_policies import (
-    MADE_BY,
-    SourcePoliciesConfig,
-    log_validation,
-    markdown,
-    publish,
-    ranking,
-    trainings,
-)
+from benchmark.settings.command import SettingError
+from benchmark.settings.config import WandbConfig
+from benchmark.settings.recipe import RECIPES
+from benchmark.source_policies import SourcePoliciesConfig, log_validation, markdown, publish, ranking, trainings
+from benchmark.training.recipes import MADE_BY
 
 
 def candidates(folder, *scores):

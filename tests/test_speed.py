@@ -2,11 +2,20 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from benchmark.config import MapConfig
-from benchmark.outputs import store_rows
-from benchmark.speed import KEY, SpeedConfig, least_seconds, main, markdown, mmd_speeds, poses_in_reach, query_speeds
-from richmap.grid import Grid
-from richmap.similarity import direction_moments
+from benchmark.artifacts.outputs import store_rows
+from benchmark.map_quality.speed import (
+    KEY,
+    SpeedConfig,
+    least_seconds,
+    main,
+    markdown,
+    mmd_speeds,
+    poses_in_reach,
+    query_speeds,
+)
+from benchmark.settings.config import MapConfig
+from richmap.geometry.grid import Grid
+from richmap.similarity.similarity import direction_moments
 
 GRID = Grid.around_base(cell_size=0.2, half_width=1.0, z_offset=0.2)
 
@@ -17,7 +26,7 @@ def maps(sampled_map):
 
 
 def test_queries_are_timed_and_exact_ones_are_exact(maps, tmp_path, monkeypatch):
-    monkeypatch.setattr("benchmark.speed.least_seconds", lambda call, repeats: call() is None or 1e-6)
+    monkeypatch.setattr("benchmark.map_quality.speed.least_seconds", lambda call, repeats: call() is None or 1e-6)
     rows = {
         (row["name"], row["batch"]): row for row in query_speeds(maps[0], SpeedConfig(batches=[10, 3000], device="cpu"))
     }
@@ -30,7 +39,7 @@ def test_queries_are_timed_and_exact_ones_are_exact(maps, tmp_path, monkeypatch)
 
 
 def test_the_fast_mmd_is_held_against_the_sum_over_pairs(maps, monkeypatch):
-    monkeypatch.setattr("benchmark.speed.least_seconds", lambda call, repeats: call() is None or 1e-6)
+    monkeypatch.setattr("benchmark.map_quality.speed.least_seconds", lambda call, repeats: call() is None or 1e-6)
     first, other = maps
     rows = {
         row["name"]: row for row in mmd_speeds(first, direction_moments(first), other, SpeedConfig(pairwise_cells=50))

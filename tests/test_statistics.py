@@ -3,7 +3,7 @@ import pytest
 from scipy.special import expit
 from scipy.stats import binom, permutation_test, sem, t
 
-from benchmark.statistics import (
+from benchmark.scoring.statistics import (
     Crossed,
     clustered_difference,
     clustered_mean,

@@ -11,11 +11,11 @@ import pytest
 import torch
 from rich.console import Console
 
-from benchmark.command import SettingError
-from benchmark.config import RobotConfig, RunConfig
-from benchmark.known_policies import chosen_checkpoint
-from benchmark.make_rollout import make_rollout
-from benchmark.rollout import play
+from benchmark.artifacts.known_policies import chosen_checkpoint
+from benchmark.rollouts.make_rollout import make_rollout
+from benchmark.rollouts.rollout import play
+from benchmark.settings.command import SettingError
+from benchmark.settings.config import RobotConfig, RunConfig
 
 CONFIG = RunConfig(robot=RobotConfig("ur3"), slots=2, device="cpu")
 SEEDS = [50_000, 50_001]
@@ -56,7 +56,7 @@ def test_an_episode_of_it_replays_alone_to_the_last_bit(untrained):
 
 def test_it_acts_in_metres_as_its_processors_say(untrained):
     """Its own actions lie in [-1, 1]; what reaches the arm lies within the demonstrations' actions."""
-    from benchmark.stock_policy import StockPolicy
+    from benchmark.rollouts.stock_policy import StockPolicy
 
     policy = StockPolicy(untrained, "cpu")
     policy.reset()
@@ -77,7 +77,7 @@ def test_a_folder_that_holds_no_policy_is_refused(tmp_path):
 
 
 def test_a_policy_that_wants_pictures_is_refused(untrained, tmp_path):
-    from benchmark.stock_policy import StockPolicy
+    from benchmark.rollouts.stock_policy import StockPolicy
 
     text = (untrained / "config.json").read_text()
     (tmp_path / "config.json").write_text(text.replace('"observation.state"', '"observation.image"'))
@@ -87,7 +87,7 @@ def test_a_policy_that_wants_pictures_is_refused(untrained, tmp_path):
 
 @pytest.mark.parametrize("features, name, size", [("input", "observation.state", 16), ("output", "action", 3)])
 def test_a_policy_for_other_observations_or_actions_is_refused(untrained, tmp_path, features, name, size):
-    from benchmark.stock_policy import StockPolicy
+    from benchmark.rollouts.stock_policy import StockPolicy
 
     config = json.loads((untrained / "config.json").read_text())
     config[f"{features}_features"][name]["shape"] = [size]

@@ -23,17 +23,17 @@ from hydra_plugins.hydra_submitit_launcher.submitit_launcher import SlurmLaunche
 from omegaconf import OmegaConf
 from rich.console import Console
 
-from benchmark import command
-from benchmark.build_maps import energy_field
-from benchmark.command import SettingError
-from benchmark.config import ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig
-from benchmark.known_policies import checkpoint_folder
-from benchmark.make_rollout import make_rollout
-from benchmark.results import read_episodes, store_episodes
-from benchmark.scales import with_scale
-from benchmark.sweep import RELAUNCHES, failure_file, guides_source, job_name, launch, typed_jobs
+from benchmark.artifacts.known_policies import checkpoint_folder
+from benchmark.artifacts.maps import energy_field
+from benchmark.episodes.table import read_episodes, store_episodes
+from benchmark.rollouts.make_rollout import make_rollout
+from benchmark.settings import command
+from benchmark.settings.command import SettingError
+from benchmark.settings.config import ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig
+from benchmark.sweeps.chosen_scale import with_scale
+from benchmark.sweeps.sweep import RELAUNCHES, failure_file, guides_source, job_name, launch, typed_jobs
 from policies.methods import METHODS
-from richmap.robots import load_robot
+from richmap.robots.robots import load_robot
 from tests.made_up_episodes import episode
 
 ROOT = Path(__file__).parents[1]
@@ -124,7 +124,9 @@ def test_a_job_that_kills_its_worker_is_not_always_the_first(monkeypatch):
                 left.remove("b")  # One is stored; after that none.
             raise BrokenProcessPool("a worker was killed")
 
-    monkeypatch.setattr("benchmark.sweep.unfinished", lambda jobs: {job: 1 for job in jobs if job.overrides in left})
+    monkeypatch.setattr(
+        "benchmark.sweeps.sweep.unfinished", lambda jobs: {job: 1 for job in jobs if job.overrides in left}
+    )
     launch({OneJob(name): 1 for name in "abc"}, Launcher(), Console(quiet=True))
     assert launched[:4] == ["abc", "bca", "cab", "ac"] and len(launched) == 3 + RELAUNCHES + 1
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from benchmark.top_view import _at_height, slope_over_table, top_view_figure
-from envs.arms import HEIGHT, arm_setting
-from richmap.energy import EnergyField
-from richmap.grid import Grid
-from richmap.similarity import similarity
+from benchmark.studies.top_view import _at_height, slope_over_table, top_view_figure
+from envs.arm.arms import HEIGHT, arm_setting
+from richmap.geometry.grid import Grid
+from richmap.similarity.energy import EnergyField
+from richmap.similarity.similarity import similarity
 
 GRID = Grid.around_base(0.1, 1.0, 0.2)
 

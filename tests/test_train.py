@@ -12,15 +12,15 @@ import torch
 from lerobot.datasets import LeRobotDataset
 from lerobot.policies import make_pre_post_processors
 
-from benchmark.code_version import code_version
-from benchmark.command import SettingError
-from benchmark.config import WandbConfig
-from benchmark.demonstration import Demonstration
-from benchmark.demonstration_dataset import write_dataset
-from benchmark.demonstration_recipe import CollectConfig
-from benchmark.demonstration_tensors import DemonstrationTensors, load_demonstrations
-from benchmark.side_by_side import train_all
-from benchmark.train import TrainConfig, train
+from benchmark.episodes.code_version import code_version
+from benchmark.settings.command import SettingError
+from benchmark.settings.config import WandbConfig
+from benchmark.training.demonstration import Demonstration
+from benchmark.training.demonstration_dataset import write_dataset
+from benchmark.training.demonstration_recipe import CollectConfig
+from benchmark.training.demonstration_tensors import DemonstrationTensors, load_demonstrations
+from benchmark.training.side_by_side import train_all
+from benchmark.training.trainer import TrainConfig, train
 from policies.configuration_guided_push import GuidedPushConfig
 from policies.modeling_guided_push import GuidedPushPolicy
 
@@ -66,7 +66,7 @@ def test_batches_are_those_of_lerobots_dataset(root):
 
 
 def test_a_killed_run_goes_on_as_if_nothing_had_happened(root, tmp_path, monkeypatch):
-    monkeypatch.setattr("benchmark.train.LOG_EVERY", 2)
+    monkeypatch.setattr("benchmark.training.trainer.LOG_EVERY", 2)
     (whole,) = train(config(root, tmp_path / "whole"))
     batch = DemonstrationTensors.batch
 
@@ -109,7 +109,7 @@ def test_kept_steps_are_policies_of_one_training(root, tmp_path):
 
 def test_a_run_killed_before_its_checkpoint_appeared_publishes_it(root, tmp_path, monkeypatch):
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr("benchmark.model_card.write_model_card", interrupt)
+        patch.setattr("benchmark.training.model_card.write_model_card", interrupt)
         train(config(root, tmp_path, keep=[2, 4]))
     assert not (tmp_path / "seed42-step2").exists()
     train(config(root, tmp_path, keep=[2, 4]))
@@ -131,7 +131,7 @@ def test_another_process_trains_the_same(root, tmp_path):
 
 
 def test_loss_and_learning_rate_go_to_wandb(root, tmp_path, monkeypatch, offline_runs):
-    monkeypatch.setattr("benchmark.train.LOG_EVERY", 2)
+    monkeypatch.setattr("benchmark.training.trainer.LOG_EVERY", 2)
     train(config(root, tmp_path, wandb=WandbConfig(mode="offline", folder=str(tmp_path))))
     (run,) = offline_runs(tmp_path)
     assert run.kind == "train" and run.config["seed"] == 42 and run.history

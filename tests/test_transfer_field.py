@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from richmap.construction import build_map
-from richmap.energy import EnergyField, EnergySettings
-from richmap.grid import Grid
-from richmap.reachability_map import Construction
-from richmap.robots import load_robot
-from richmap.similarity import similarity
+from richmap.geometry.grid import Grid
+from richmap.maps.construction import build_map
+from richmap.maps.reachability_map import Construction
+from richmap.robots.robots import load_robot
+from richmap.similarity.energy import EnergyField, EnergySettings
+from richmap.similarity.similarity import similarity
 
 FLANGE_HEIGHT = 0.06
 

@@ -5,9 +5,9 @@ import dataclasses
 import pandas as pd
 import pytest
 
-from benchmark.command import SettingError
-from benchmark.results import OPTIONAL, episodes_of, read_episodes, row_hash, store_episodes
-from benchmark.trusted_rows import read_all_episodes, read_trusted
+from benchmark.episodes.table import OPTIONAL, episodes_of, read_episodes, row_hash, store_episodes
+from benchmark.episodes.trusted_rows import read_all_episodes, read_trusted
+from benchmark.settings.command import SettingError
 from tests.made_up_episodes import CONDITION, episode
 
 

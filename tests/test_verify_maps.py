@@ -5,15 +5,15 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from benchmark import verify_maps
-from benchmark.config import MapConfig, RobotConfig, VerifyMapsConfig
-from benchmark.labels import LABELS, LabelledPoses
-from benchmark.map_growth import MapGrowthConfig, draw, growth
-from benchmark.map_growth import main as map_growth
-from benchmark.outputs import store_rows
-from benchmark.verify_maps import VerifiedMap, confusion, half_and_half, report, scores, verify
-from richmap.reachability_map import Reach
-from richmap.robots import load_robot
+from benchmark.artifacts.outputs import store_rows
+from benchmark.map_quality import verify_maps
+from benchmark.map_quality.labels import LABELS, LabelledPoses
+from benchmark.map_quality.map_growth import MapGrowthConfig, draw, growth
+from benchmark.map_quality.map_growth import main as map_growth
+from benchmark.map_quality.verify_maps import VerifiedMap, confusion, half_and_half, report, scores, verify
+from benchmark.settings.config import MapConfig, RobotConfig, VerifyMapsConfig
+from richmap.maps.reachability_map import Reach
+from richmap.robots.robots import load_robot
 
 
 def labelled(n=400, seed=0):
@@ -96,7 +96,9 @@ def test_a_lower_threshold_never_makes_fewer_hits_and_the_curve_passes_through_t
 
 def test_labels_are_checked_once(tmp_path, monkeypatch):
     calls = []
-    monkeypatch.setattr("benchmark.label_errors.label_errors", lambda *a: calls.append(a) or {"checked": 100})
+    monkeypatch.setattr(
+        "benchmark.map_quality.label_errors.label_errors", lambda *a: calls.append(a) or {"checked": 100}
+    )
     config = VerifyMapsConfig(checked=100, output_dir=str(tmp_path))
     for poses in (labelled(), labelled(), labelled(n=500)):
         verify_maps.check_labels(load_robot("panda"), "hard", poses, config, Console())

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from benchmark import build_maps, view
-from benchmark.command import SettingError
-from benchmark.config import RobotConfig
-from benchmark.view import ViewConfig
-from richmap.grid import Grid
-from richmap.kinematics import flange_frames
-from richmap.robots import load_robot
+from benchmark import build_maps
+from benchmark.map_quality import view
+from benchmark.map_quality.view import ViewConfig
+from benchmark.settings.command import SettingError
+from benchmark.settings.config import RobotConfig
+from richmap.geometry.grid import Grid
+from richmap.motion.kinematics import flange_frames
+from richmap.robots.robots import load_robot
 
 GRID = Grid.around_base(cell_size=0.1, half_width=0.8, z_offset=0.2)
 

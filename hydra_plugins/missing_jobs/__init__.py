@@ -15,13 +15,13 @@ class MissingJobsSweeper(BasicSweeper):
 
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
         """Hydra's, with the job of a sweep in place of what the command does."""
-        from benchmark.sweep import run_job
+        from benchmark.sweeps.sweep import run_job
 
         super().setup(hydra_context=hydra_context, task_function=run_job, config=config)
 
     def sweep(self, arguments: list[str]) -> None:
         """Launch what is missing of all combinations."""
-        from benchmark.sweep import run_sweep
+        from benchmark.sweeps.sweep import run_sweep
 
         run_sweep(list(self.jobs(arguments)), self.launcher, Path(self.config.hydra.sweep.dir))
 
@@ -30,7 +30,7 @@ class MissingJobsSweeper(BasicSweeper):
 
         Hydra composes each choice of groups once: for every job it would be a tenth of a second.
         """
-        from benchmark.command import is_group
+        from benchmark.settings.command import is_group
 
         parser = OverridesParser.create(config_loader=self.hydra_context.config_loader)
         (jobs,) = self.split_arguments(parser.parse_overrides([*self._parse_config(), *arguments]), None)

@@ -1,0 +1,108 @@
+"""What the files of a LeRobot checkpoint say about it, read without LeRobot."""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
+
+from benchmark.settings.command import SettingError
+
+GUIDED = "guided_push"
+"""LeRobot's name of our type of policy."""
+
+WHERE = ("device", "pretrained_path", "push_to_hub", "repo_id", "private", "tags", "license")
+"""What a config.json says of where a policy runs, comes from and goes to."""
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A folder in which LeRobot saved a policy of any type."""
+
+    folder: Path
+
+    @classmethod
+    def from_path(cls, path: str) -> "Checkpoint":
+        """The checkpoint in a folder.
+
+        Raises:
+            SettingError: If there is none.
+        """
+        folder = Path(path)
+        missing = [name for name in ("config.json", "model.safetensors") if not (folder / name).is_file()]
+        if missing:
+            raise SettingError(
+                f"policy={path} is no LeRobot checkpoint: it lacks {' and '.join(missing)}. "
+                f"Give the folder that they are in, such as outputs/train/act/checkpoints/last/pretrained_model."
+            )
+        try:
+            kind = json.loads((folder / "config.json").read_text())["type"]
+        except (ValueError, TypeError, KeyError) as error:
+            raise SettingError(
+                f"policy={path}: its config.json is not LeRobot's of a policy, which names its type. "
+                f"{type(error).__name__}: {error}"
+            ) from error
+        if not isinstance(kind, str):
+            raise SettingError(f"policy={path}: its config.json has type={kind!r}. LeRobot writes a name, such as act.")
+        return cls(folder)
+
+    @property
+    def name(self) -> str:
+        """Name of its folder; for `<run>/checkpoints/<step>/pretrained_model` of `lerobot-train` it is <run>/<step>."""
+        parts = self.folder.resolve().parts
+        return f"{parts[-4]}/{parts[-2]}" if parts[-1] == "pretrained_model" else parts[-1]
+
+    @property
+    def type(self) -> str:
+        """LeRobot's name of its type of policy."""
+        return self._config["type"]
+
+    @property
+    def guidance_scale(self) -> float:
+        """Of the guidance that a policy of our type was saved with; 0 for none."""
+        return self._config.get("guidance_scale", 0.0)
+
+    @property
+    def policy_hash(self) -> str:
+        """SHA-256 of the weights; where more decides its actions, over that as well.
+
+        That is a setting that it was not trained with, such as another `n_action_steps` written into its config.json,
+        and the statistics that its processors normalize by, if they are not among the weights.
+        """
+        weights, *processors = [self.folder / "model.safetensors", *sorted(self.folder.glob("policy_*.safetensors"))]
+        trained = self._training.get("policy", {})
+        decides = {name: value for name, value in self._config.items() if name not in WHERE}
+        changed = {name: value for name, value in decides.items() if trained.get(name, ...) != value}
+        digest = _sha256(weights, weights.stat().st_mtime_ns)
+        if not (changed or processors):
+            return digest
+        parts = [digest, *(_sha256(file, file.stat().st_mtime_ns) for file in processors), changed]
+        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def training_seed(self) -> int:
+        """What it was trained with; -1 if it does not say."""
+        seed = self._training.get("seed")
+        return -1 if seed is None else seed
+
+    @property
+    def sampler(self) -> tuple[str, int]:
+        """Sampler and its steps per chunk as the checkpoint has them; none and 0 if it does not diffuse."""
+        steps = self._config.get("num_inference_steps") or self._config.get("num_train_timesteps") or 0
+        return self._config.get("noise_scheduler_type", "none"), steps
+
+    @cached_property
+    def _config(self) -> dict[str, Any]:
+        return json.loads((self.folder / "config.json").read_text())
+
+    @cached_property
+    def _training(self) -> dict[str, Any]:
+        file = self.folder / "train_config.json"
+        return json.loads(file.read_text()) if file.exists() else {}
+
+
+@cache
+def _sha256(file: Path, changed: int) -> str:
+    """Of a file that was last changed then, in [ns]."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()

@@ -1,0 +1,60 @@
+"""The policies that are there: those that ship, those that were trained here, or the one that settings name."""
+
+from pathlib import Path
+
+from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
+from benchmark.settings.command import SettingError
+from benchmark.settings.config import RunConfig
+from benchmark.settings.recipe import RECIPES, USUAL, policy_name
+
+CHECKPOINTS = [
+    Path(__file__).parents[2] / "results" / "checkpoints",
+    *(Path("outputs") / "source_policies" / recipe for recipe in RECIPES),
+    Path("outputs") / "checkpoints",
+]
+"""Where checkpoints are looked for: those that ship, and those that `benchmark.source_policies` and `benchmark.train`
+make."""
+
+
+def chosen_checkpoint(config: RunConfig) -> Path:
+    """Folder of the policy to roll out: the one named by its path, or else by its training seed.
+
+    Raises:
+        SettingError: If there is none, or it cannot be guided and should be.
+    """
+    if not config.policy:
+        return checkpoint_folder(config.seed, config.checkpoint, config.recipe)
+    checkpoint = Checkpoint.from_path(config.policy)
+    if checkpoint.type != GUIDED and config.guidance_scale > 0:
+        raise SettingError(
+            f"lambda={config.guidance_scale:g} needs a policy of type {GUIDED}, whose sampling can be guided. "
+            f"{config.policy} is of type {checkpoint.type}: use lambda=0."
+        )
+    return checkpoint.folder
+
+
+def checkpoint_folder(seed: int, rank: int = 1, recipe: str = USUAL) -> Path:
+    """Folder of the checkpoint of this rank with this training seed, of this recipe.
+
+    Raises:
+        SettingError: If there is none.
+    """
+    for root in CHECKPOINTS:
+        folder = root / policy_name(recipe, seed, rank)
+        if (folder / "model.safetensors").exists():
+            return folder
+    there = {folder.name for root in CHECKPOINTS for folder in policies_in(root, recipe)}
+    raise SettingError(
+        f"recipe={recipe} seed={seed} checkpoint={rank} is not there. Trained: {', '.join(sorted(there)) or 'none'}. "
+        f"Train more: python -m benchmark.source_policies recipe={recipe} seeds=[{seed}]"
+    )
+
+
+def policies_in(folder: Path, recipe: str) -> list[Path]:
+    """Folders of a recipe's policies in a folder."""
+    return [file.parent for file in folder.glob(f"{policy_name(recipe, '*', '*')}/model.safetensors")]
+
+
+def shipped(recipe: str = USUAL) -> set[str]:
+    """Hashes of a recipe's policies that ship with the project."""
+    return {Checkpoint(folder).policy_hash for folder in policies_in(CHECKPOINTS[0], recipe)}

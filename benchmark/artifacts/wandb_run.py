@@ -1,0 +1,97 @@
+"""Wandb run."""
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from benchmark.artifacts.checkpoint import Checkpoint
+from benchmark.settings.config import WandbConfig
+
+if TYPE_CHECKING:
+    import wandb
+
+
+PATIENCE = 30
+"""How long W&B's server is waited for, at the start and at the end of a run, in [s]; one request a third of it."""
+
+
+def start_experiment(
+    config: WandbConfig, name: str, group: str, kind: str, settings: Mapping[str, object]
+) -> "wandb.Run":
+    """A W&B run, to be used in a `with` statement; one that does nothing if the mode is disabled.
+
+    Where the server cannot be reached, or knows no such user, what would go there is kept on disk. Nothing is asked.
+
+    Args:
+        config: Whether and where to log.
+        name: Of the run, such as seed42.
+        group: What the run belongs to, if the settings do not say.
+        kind: Job type: train, validate, field, evaluation or curve.
+        settings: What the run was made with, as plain values.
+    """
+    import wandb
+
+    def start(mode: str) -> "wandb.Run":
+        quiet = wandb.Settings(
+            mode=mode,
+            silent=True,
+            console="off",
+            init_timeout=PATIENCE,
+            finish_timeout=PATIENCE,
+            x_graphql_timeout_seconds=PATIENCE / 3,
+            x_graphql_retry_max=1,
+        )
+        wandb.setup(quiet)  # Only here does `silent` hold for messages that belong to no run, and for prompts.
+        return wandb.init(
+            project=config.project,
+            name=name,
+            group=config.group or group,
+            job_type=kind,
+            config=dict(settings),
+            dir=config.folder,
+            settings=quiet,
+        )
+
+    unreachable = config.mode == "online" and os.environ.get("WANDB_MODE") == "offline"
+    try:
+        return start("offline" if unreachable else config.mode)
+    except wandb.Error as error:
+        print(f"W&B: {' '.join(str(error).split())} What would go there is kept in {config.folder}: wandb sync.")
+        os.environ["WANDB_MODE"] = "offline"  # The next run, and a sweep's next job, need not wait again.
+        return start("offline")
+
+
+@contextmanager
+def unharmed() -> Iterator[None]:
+    """What W&B, its folder or its server do not take costs what would have been logged, and a line, not the run."""
+    try:
+        yield
+    except Exception as error:
+        print(f"W&B: not logged. {type(error).__name__}: {' '.join(str(error).split())}")
+
+
+def log_checkpoint(run: "wandb.Run", folder: Path) -> None:
+    """A checkpoint that the run made. Its files are not copied: they have to stay until they are uploaded."""
+    if not run.disabled:
+        run.log_artifact(_checkpoint(folder))
+
+
+def _checkpoint(folder: Path) -> "wandb.Artifact":
+    """A checkpoint under the same name wherever it lies, so that a training and its evaluations are linked."""
+    import wandb
+
+    checkpoint = Checkpoint(folder)
+    name = f"{checkpoint.name.replace('/', '-')}-{checkpoint.policy_hash[:12]}"
+    artifact = wandb.Artifact(name, type="model", metadata={"policy_hash": checkpoint.policy_hash})
+    artifact.add_dir(str(folder.resolve()), policy="immutable", skip_cache=True)
+    return artifact
+
+
+def _use(run: "wandb.Run", artifact: "wandb.Artifact") -> None:
+    """Declare an artifact as what a run started from.
+
+    `Run.use_artifact` does this by the same call, but waits for the server, and refuses to work offline.
+    """
+    run._log_artifact(artifact, is_user_created=True, use_after_commit=True)

@@ -1,0 +1,185 @@
+"""An arm, its map and the directions of one cell in three dimensions, as a page that any web browser turns and zooms.
+
+python -m benchmark.map_quality.view robot=ur5e
+"""
+
+import webbrowser
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from benchmark.artifacts.outputs import replacing
+from benchmark.map_quality.pictures import half_filled_cell
+from benchmark.settings.command import check_setting, run_command
+from benchmark.settings.config import SOURCE, MapConfig, RobotConfig, check_folder
+
+if TYPE_CHECKING:
+    import trimesh
+
+    from richmap.maps.reachability_map import ReachabilityMap
+    from richmap.robots.robot import RobotDescription
+
+SHRINK = 0.4
+"""Edge of a drawn cell against that of a cell: gaps let the arm be seen."""
+
+RADIUS = 0.12
+"""Of the sphere of directions, in [m]; cells that it would touch are left out."""
+
+ARM, CAP = (70, 90, 120, 255), (200, 40, 40, 255)
+
+
+@dataclass
+class ViewConfig:
+    """Shows an arm and its map in three dimensions, in a web browser; the map is built if it is not in the cache."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
+    colour: str = "coverage"
+    """What cells are coloured by: coverage, or mmd (discrepancy of directions against the xArm6's)."""
+    cell: list[float] | None = None
+    """A point of the cell whose directions are shown, [x,y,z] in m in the arm's base frame; null for a half-filled
+    cell before the arm. The arm stands in a configuration that reaches this cell."""
+    save: str = ""
+    """Page (.html) to write without opening a browser; empty to write outputs/view/<robot>.html and open it."""
+    workers: int = 2
+    """Processes that sample; the map does not depend on it. A whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+
+    def __post_init__(self) -> None:
+        cell = self.cell
+        check_setting(self.colour in ("coverage", "mmd"), "colour", self.colour, "coverage, mmd")
+        check_setting(cell is None or len(cell) == 3, "cell", cell, "[x,y,z] in m, or null")
+        check_setting(self.save == "" or self.save.endswith(".html"), "save", self.save, "a file name ending in .html")
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        if self.save:
+            check_folder(str(Path(self.save).parent))
+
+
+def main(config: ViewConfig) -> None:
+    """Write the page and open it. Coverage goes from dark (0) to bright (1), MMD from bright (0) to dark (1)."""
+    from rich.console import Console
+
+    from benchmark.artifacts.maps import robot_map
+    from richmap.maps.compression import coverage_fraction
+    from richmap.robots.robots import load_robot
+    from richmap.similarity.similarity import similarity
+
+    console = Console()
+    origin, robot = (0.0, 0.0, 0.0), config.robot.load()
+    of_robot = robot_map(robot, origin, config.map, config.workers, console)
+    cell = picked_cell(of_robot, config.cell)
+    if config.colour == "coverage":
+        filled = np.diff(of_robot.start) > 0
+        values, colours = np.where(filled, coverage_fraction(of_robot).ravel(), np.nan), "viridis"
+    else:
+        of_source = robot_map(load_robot(SOURCE), origin, config.map, config.workers, console)
+        values, colours = similarity(of_source, of_robot).mmd, "magma_r"
+    file = Path(config.save or f"outputs/view/{robot.name}.html")
+    save_page(map_scene(robot, of_robot, values, colours, cell), file)
+    console.print(f"{file}: left button turns, right button moves, wheel zooms.", soft_wrap=True)
+    if not config.save:
+        webbrowser.open(file.absolute().as_uri())
+
+
+def picked_cell(robot_map: "ReachabilityMap", point: list[float] | None) -> int:
+    """Flat index of the cell that holds a point of the base frame, in [m]; of a half-filled one for None.
+
+    Raises:
+        SettingError: If the cell holds no direction or the point is outside the grid.
+    """
+    count = np.diff(robot_map.start)
+    if point is None:
+        return half_filled_cell(robot_map)
+    (cell,) = robot_map.grid.cells_of(np.array([point], dtype=float))
+    allowed = f"a point that {robot_map.construction.robot} reaches, within the map's grid"
+    check_setting(cell >= 0 and count[cell] > 0, "cell", point, allowed)
+    return int(cell)
+
+
+def map_scene(
+    robot: "RobotDescription", robot_map: "ReachabilityMap", values: np.ndarray, colours: str, cell: int
+) -> "trimesh.Scene":
+    """Cells beyond the plane y = 0, the arm reaching into one cell, and that cell's directions on a sphere.
+
+    Args:
+        robot: The arm.
+        robot_map: Its map.
+        values: One per cell, in [0, 1]; cells with NaN are not drawn.
+        colours: Name of a colour map of Matplotlib.
+        cell: Flat index of a filled cell.
+    """
+    import trimesh
+
+    rows = np.arange(robot_map.start[cell], robot_map.start[cell + 1])
+    stored, centre = robot_map.directions[rows], robot_map.grid.centres()[cell]
+    lowest = rows[[np.argmin(stored[:, 2])]]  # The tool points down as far as it can there.
+    scene = trimesh.Scene()
+    scene.add_geometry(cell_boxes(robot_map, values, colours, centre), node_name="cells", geom_name="cells")
+    for link, mesh in arm_meshes(robot, robot_map.configurations(lowest)[0]).items():
+        scene.add_geometry(mesh, node_name=link, geom_name=link)
+    sphere = trimesh.creation.icosphere(subdivisions=4, radius=0.98 * RADIUS)
+    sphere.visual.vertex_colors = (225, 225, 225, 255)
+    scene.add_geometry(sphere.apply_translation(centre), node_name="sphere", geom_name="sphere")
+    caps = _boxes(centre + RADIUS * stored.astype(float), 0.006)
+    caps.visual.vertex_colors = CAP
+    scene.add_geometry(caps, node_name="directions", geom_name="directions")
+    # glTF has y up. The eye is before the open side of the cells, somewhat to the right and above.
+    scene.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, (1, 0, 0)))
+    scene.set_camera(angles=np.radians((-15, 20, 0)), distance=1.3 * scene.scale, center=scene.centroid)
+    return scene
+
+
+def cell_boxes(robot_map: "ReachabilityMap", values: np.ndarray, colours: str, centre: np.ndarray) -> "trimesh.Trimesh":
+    """A small box per cell with a value beyond the plane y = 0, but for those near `centre`."""
+    from matplotlib import colormaps
+
+    grid = robot_map.grid
+    middle = grid.centres()
+    apart = np.linalg.norm(middle - centre, axis=1) > RADIUS + grid.cell_size / 2
+    drawn = ~np.isnan(values) & (middle[:, 1] > 0) & apart
+    boxes = _boxes(middle[drawn], SHRINK * grid.cell_size)
+    shade = colormaps[colours](np.minimum(values[drawn], 1), bytes=True)
+    boxes.visual.vertex_colors = np.repeat(shade, 8, axis=0)
+    return boxes
+
+
+def arm_meshes(robot: "RobotDescription", joints: np.ndarray) -> dict[str, "trimesh.Trimesh"]:
+    """Collision meshes of the arm's links in the base frame, at a configuration in [rad]."""
+    import pinocchio
+    import trimesh
+
+    model = pinocchio.buildModelFromXML(robot.urdf)
+    data = model.createData()
+    pinocchio.framesForwardKinematics(model, data, joints)
+    to_base = data.oMf[model.getFrameId(robot.base)].inverse()
+    meshes = {}
+    for link, shapes in robot.shapes.items():
+        mesh = trimesh.util.concatenate([shape.triangles() for shape in shapes])
+        mesh.apply_transform((to_base * data.oMf[model.getFrameId(link)]).homogeneous)
+        mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=np.tile(ARM, (len(mesh.vertices), 1)))
+        meshes[link] = mesh
+    return meshes
+
+
+def save_page(scene: "trimesh.Scene", file: Path) -> None:
+    """Write a scene with its viewer (three.js, as trimesh ships it) as one page that needs no network."""
+    from trimesh.viewer.notebook import scene_to_html
+
+    with replacing(file) as path:
+        path.write_text(scene_to_html(scene))
+
+
+def _boxes(centres: np.ndarray, edge: float) -> "trimesh.Trimesh":
+    """Cubes of one edge in one mesh: 8 vertices each, in the order of the centres, all in [m]."""
+    import trimesh
+
+    box = trimesh.creation.box((edge, edge, edge))
+    vertices = centres[:, None] + box.vertices
+    faces = np.arange(len(centres))[:, None, None] * 8 + box.faces
+    return trimesh.Trimesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), process=False)
+
+
+if __name__ == "__main__":
+    run_command(main, ViewConfig, "view")

@@ -1,0 +1,152 @@
+"""Somebody else's entry: a folder with a policy, a guidance class or both, and what has to be known of them."""
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from omegaconf import DictConfig, OmegaConf
+from yaml import YAMLError
+
+from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
+from benchmark.artifacts.known_policies import checkpoint_folder
+from benchmark.rollouts.guidance_class import GuidanceClass
+from benchmark.rollouts.make_rollout import guidance_field, make_condition
+from benchmark.settings.command import SettingError, typed
+from benchmark.settings.config import EntryConfig, RunConfig
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from benchmark.rollouts.rollout import Rollout
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A folder and what its `entry.yaml` says."""
+
+    folder: Path
+    about: EntryConfig
+
+    @classmethod
+    def load(cls, folder: Path) -> "Entry":
+        """The entry in a folder.
+
+        Raises:
+            SettingError: If it is none, or says what it cannot.
+        """
+        file = folder / "entry.yaml"
+        if not file.is_file():
+            raise SettingError(f"entry={folder} is no entry: it lacks entry.yaml. See 'Enter your own' in README.md.")
+        try:
+            if "${" in file.read_text():
+                raise SettingError(f"{file} has ${{...}}. What it says stands in the file itself: write the value.")
+            said = OmegaConf.load(file)
+        except (YAMLError, OSError, UnicodeError) as error:
+            raise SettingError(f"{file} cannot be read: {error}") from error
+        known = [each.name for each in fields(EntryConfig)]
+        if not isinstance(said, DictConfig):
+            raise SettingError(f"{file} is not lines of key: value. It may say: {', '.join(known)}.")
+        if unknown := sorted(map(str, {*said} - {*known})):
+            raise SettingError(f"{file}: there is no {', '.join(unknown)}. It may say: {', '.join(known)}.")
+        said = OmegaConf.create({key: value for key, value in said.items() if value is not None})
+        try:
+            about = typed(said, EntryConfig)
+        except SettingError as error:
+            raise SettingError(f"{file}: {error}") from error
+        return cls(folder, about)
+
+    @cached_property
+    def files_hash(self) -> str:
+        """SHA-256 over the names and contents of its files, but for hidden ones and Python's own.
+
+        Raises:
+            SettingError: If one is a link, whose target could change unseen.
+        """
+        digest = hashlib.sha256()
+        for path in sorted(self.folder.rglob("*")):
+            name = path.relative_to(self.folder)
+            if _unhashed(name):
+                continue
+            if path.is_symlink():
+                raise SettingError(f"{path} is a link. An entry holds its files itself: copy it there.")
+            if path.is_file():
+                content = path.read_bytes()
+                digest.update(f"{name.as_posix()}\0{len(content)}\0".encode() + content)
+        return digest.hexdigest()
+
+    def checkpoints(self, seeds: list[int], ranks: Iterable[int] = (1,)) -> list[Path]:
+        """Folders of its policies: its own, or ours of these training seeds, of each those of these ranks.
+
+        Raises:
+            SettingError: If one is not there, or is to be guided and cannot be.
+        """
+        if not self.about.policy:
+            return [checkpoint_folder(seed, rank) for seed in seeds for rank in ranks]
+        checkpoint = Checkpoint.from_path(str(self._inside(self.about.policy)))
+        if checkpoint.type == GUIDED and checkpoint.guidance_scale:
+            raise SettingError(
+                f"{self.folder / 'entry.yaml'}: policy={self.about.policy} is saved with guidance of its own "
+                f"(guidance_scale={checkpoint.guidance_scale:g}), which is not used here. Set it to 0 in its "
+                "config.json, and bring a class as guidance."
+            )
+        if self.about.guidance and checkpoint.type != GUIDED:
+            raise SettingError(
+                f"{self.folder / 'entry.yaml'}: guidance needs a policy of type {GUIDED}, whose sampling can be "
+                f"guided; policy={self.about.policy} is of type {checkpoint.type}. Leave one of them out."
+            )
+        return [checkpoint.folder]
+
+    def rollout(self, config: RunConfig, checkpoint: Path, console: "Console") -> "Rollout":
+        """What is rolled out on the arm of these settings; builds the field if one is needed and not in the cache.
+
+        Raises:
+            SettingError: If its class cannot be made.
+        """
+        from benchmark.episodes.arm import chosen_arm
+        from benchmark.rollouts.rollout import Rollout
+
+        arm, about = chosen_arm(config), self.about
+        if about.policy and Checkpoint(checkpoint).type == GUIDED:
+            sampler, steps = Checkpoint(checkpoint).sampler  # As it was saved, whatever ours are sampled by.
+            config = replace(config, sampler=sampler, sampling_steps=steps)
+        field, path = guidance_field(None if about.field == "none" else about.field, arm, config, console)
+        condition = make_condition(config, arm, about.name, about.scale, checkpoint, field, self.files_hash)
+        guidance = self._guidance(checkpoint)
+        if guidance is not None:
+            try:
+                guidance.make(about.scale, path, arm.base[:2], 0)
+            except SettingError:
+                raise
+            except Exception as error:  # Whatever somebody's file may raise.
+                raise SettingError(
+                    f"{guidance.file}: {guidance.name}(field, scale, base, seed) raised {type(error).__name__}: {error}"
+                ) from error
+        return Rollout(condition, checkpoint, path, guidance)
+
+    def _guidance(self, checkpoint: Path) -> GuidanceClass | None:
+        """Its class; for a policy of our type one that does nothing, for another none."""
+        if self.about.guidance:
+            file, name = self.about.guidance.rsplit(":", 1)
+            return GuidanceClass(self._inside(file), name)
+        if Checkpoint(checkpoint).type == GUIDED:
+            return GuidanceClass(Path(__file__).with_name("unguided.py"), "Unguided")
+        return None
+
+    def _inside(self, path: str) -> Path:
+        """A path of the folder's."""
+        inside = (self.folder / path).resolve()
+        if not inside.is_relative_to(self.folder.resolve()):
+            raise SettingError(f"{self.folder / 'entry.yaml'}: {path} lies outside of the entry. Copy it there.")
+        if _unhashed(inside.relative_to(self.folder.resolve())):
+            raise SettingError(
+                f"{self.folder / 'entry.yaml'}: {path} is hidden, or Python's own, and could change unseen. Rename it."
+            )
+        return inside
+
+
+def _unhashed(name: Path) -> bool:
+    """Whether a file of an entry is left out of its hash: hidden ones and Python's own."""
+    return any(part.startswith(".") or part == "__pycache__" for part in name.parts)

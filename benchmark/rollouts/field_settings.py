@@ -1,0 +1,59 @@
+"""With what settings the maps and the field of stored episodes were made, in the folder `fields` beside their table.
+
+A row of the table has the field's fingerprint, which these settings give again, or else they are not the ones.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from benchmark.artifacts.outputs import replacing
+from benchmark.settings.command import SettingError
+from benchmark.settings.config import EnergyConfig, MapConfig, RunConfig
+
+if TYPE_CHECKING:
+    from benchmark.rollouts.rollout import Rollout
+
+VERSION = 1
+"""Of the file's format."""
+
+
+def note_settings(output_dir: Path, rollouts: "Sequence[Rollout]", config: RunConfig) -> None:
+    """Write `fields/<fingerprint>.json` for each energy field of some rollouts, if it is not there."""
+    from richmap.similarity.energy import EnergyField
+
+    for rollout in rollouts:
+        file = output_dir / _name(rollout.condition.field_fingerprint)
+        if rollout.field is None or file.exists():
+            continue
+        about = EnergyField.load(rollout.field).about
+        if "source" not in about:  # A field of feasibility is made of the arm alone.
+            continue
+        settings = {"map": asdict(config.map), "energy": asdict(config.energy)}
+        with replacing(file) as path:
+            path.write_text(json.dumps({"version": VERSION} | about | settings, indent=1) + "\n")
+
+
+def noted_settings(table: Path, fingerprint: str) -> tuple[MapConfig, EnergyConfig] | None:
+    """The settings of a field's maps and its own, beside a table or anywhere in a folder of tables; None if not there.
+
+    Raises:
+        SettingError: If the file is damaged, or of another version.
+    """
+    beside = table.parent / _name(fingerprint)
+    files = sorted(table.rglob(str(_name(fingerprint)))) if table.is_dir() else [beside] * beside.exists()
+    if not files:
+        return None
+    try:
+        noted = json.loads(files[0].read_text())
+        if noted["version"] == VERSION:
+            return MapConfig(**noted["map"]), EnergyConfig(**noted["energy"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise SettingError(f"{files[0]} is damaged ({error}). Remove it, and give map.* and energy.*.") from error
+    raise SettingError(f"{files[0]} is of version {noted['version']}, not {VERSION}. Give map.* and energy.*.")
+
+
+def _name(fingerprint: str) -> Path:
+    return Path("fields") / f"{fingerprint[:16]}.json"

@@ -1,0 +1,105 @@
+"""What is rolled out, from the settings of `benchmark.run`: the condition with the policy, the arm and the field."""
+
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
+from benchmark.settings.command import SettingError
+from benchmark.settings.config import EnergyConfig, MapConfig, RobotConfig, RunConfig
+from policies.methods import METHODS
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from benchmark.episodes.table import Condition
+    from benchmark.rollouts.rollout import Rollout
+    from envs.arm.arms import ArmSetting
+    from richmap.similarity.energy import EnergyField
+
+
+def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Console") -> "Rollout":
+    """What is rolled out at one lambda; builds the field if one is needed and not in the cache."""
+    from benchmark.episodes.arm import chosen_arm
+    from benchmark.rollouts.rollout import Rollout
+
+    arm, method = chosen_arm(config), config.method if scale > 0 else "direct"
+    field, path = guidance_field(METHODS[method].field, arm, config, console)
+    return Rollout(make_condition(config, arm, method, scale, checkpoint, field), checkpoint, path)
+
+
+def make_condition(
+    config: RunConfig,
+    arm: "ArmSetting",
+    method: str,
+    scale: float,
+    checkpoint: Path,
+    field: "EnergyField | None",
+    entry_hash: str = "",
+) -> "Condition":
+    """What a policy on an arm is run with, with the code and the device of this machine."""
+    import math
+
+    from benchmark.episodes.arithmetic import arithmetic
+    from benchmark.episodes.arm import arm_columns
+    from benchmark.episodes.code_version import code_version, commit
+    from benchmark.episodes.table import Condition
+
+    device = config.device
+    if device != "cpu":
+        import torch
+
+        available = torch.cuda.is_available()
+        if device == "cuda" and not available:
+            raise SettingError(
+                "device=cuda is not available: PyTorch finds no GPU here. Use device=cpu or device=auto."
+            )
+        device = "cuda" if available else "cpu"
+    source = Checkpoint(checkpoint)
+    sampler, steps = (config.sampler, config.sampling_steps) if source.type == GUIDED else source.sampler
+    return Condition(
+        **arm_columns(arm),
+        method=method,
+        guidance_scale=scale,
+        sampler=sampler,
+        sampling_steps=steps,
+        training_seed=source.training_seed,
+        checkpoint=source.name,
+        checkpoint_hash=source.policy_hash,
+        field_fingerprint=field.about["fingerprint"] if field else "",
+        cell_size=field.grid.cell_size if field else math.nan,
+        batch_shape=config.slots,
+        device=device,
+        code_version=code_version(),
+        commit=commit(),
+        entry_hash=entry_hash,
+        arithmetic=arithmetic(),
+    )
+
+
+def guidance_field(
+    kind: str | None, arm: "ArmSetting", config: RunConfig, console: "Console"
+) -> tuple["EnergyField | None", Path | None]:
+    """The field of a kind (`policies.methods.Method.field`) for this arm, and its file; None for None."""
+    return _field(kind, arm, config.robot, config.map, config.energy, config.workers, console)
+
+
+@cache
+def _field(
+    kind: str | None,
+    arm: "ArmSetting",
+    robot: RobotConfig,
+    of_map: MapConfig,
+    energy: EnergyConfig,
+    workers: int,
+    console: "Console",
+) -> tuple["EnergyField | None", Path | None]:
+    from benchmark.artifacts.feasibility_field import feasibility_field
+    from benchmark.artifacts.maps import energy_field
+
+    match kind:
+        case "energy":
+            return energy_field(robot.load(), arm.base, of_map, energy, workers, console)
+        case "feasibility":
+            return feasibility_field(arm, console)
+    return None, None

@@ -1,0 +1,82 @@
+"""What is not stored yet is run, and stored as it comes."""
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pandas as pd
+from rich.console import Console
+
+from benchmark.artifacts.progress import progress_bar
+from benchmark.episodes.table import Condition, Episode, check_unedited, episodes_of, read_episodes, store_episodes
+from benchmark.settings.config import RunConfig
+
+if TYPE_CHECKING:
+    from benchmark.rollouts.rollout import Rollout
+
+
+def run_missing(
+    conditions: Sequence[Condition],
+    seeds: range,
+    folder_of: Callable[[Condition], Path],
+    run: Callable[[list[list[int]]], Iterable[list[Episode]]],
+    name: str,
+    console: Console,
+) -> list[pd.DataFrame]:
+    """Rows of the episodes with these seeds under each condition, under one progress bar of this name.
+
+    Args:
+        conditions: What the episodes are run with.
+        seeds: Episode seeds, the same for all.
+        folder_of: Folder of a condition's table.
+        run: Runs for each condition those seeds that its table lacks; gives a few episodes of one condition at a time.
+        name: What the progress bar says.
+        console: Where it is.
+
+    Raises:
+        SettingError: If a row that is stored already was edited.
+    """
+
+    def stored() -> list[pd.DataFrame]:
+        tables = {folder: read_episodes(folder) for folder in {folder_of(each) for each in conditions}}
+        asked = {folder: t if t.empty else t[t.episode_seed.isin(seeds)] for folder, t in tables.items()}
+        rows = [episodes_of(asked[folder_of(each)], each) for each in conditions]
+        for condition, table in zip(conditions, rows, strict=True):
+            check_unedited(table, folder_of(condition) / "episodes.parquet")
+        return rows
+
+    missing = [sorted({*seeds} - {*table.get("episode_seed", [])}) for table in stored()]
+    total = len(conditions) * len(seeds)
+    with progress_bar(console) as progress:
+        task = progress.add_task(name, total=total, completed=total - sum(map(len, missing)))
+        for episodes in run(missing):
+            store_episodes(folder_of(episodes[0].condition), episodes)
+            progress.advance(task, len(episodes))
+    return stored()
+
+
+def run_and_store(rollout: "Rollout", config: RunConfig, console: Console) -> pd.DataFrame:
+    """Rows of all episodes of a rollout: the stored ones, and the rest run and stored batch by batch."""
+    condition = rollout.condition
+    name = f"{condition.robot}, {condition.method}, lambda {condition.guidance_scale:g}"
+    (table,) = run_and_store_all([rollout], config, name, console)
+    return table
+
+
+def run_and_store_all(
+    rollouts: "Sequence[Rollout]", config: RunConfig, name: str, console: Console
+) -> list[pd.DataFrame]:
+    """The same for several rollouts, one after another under one progress bar of this name."""
+    from benchmark.rollouts.field_settings import note_settings
+    from benchmark.rollouts.rollout import roll_out_all
+
+    output_dir = Path(config.output_dir)
+    note_settings(output_dir, rollouts, config)
+    return run_missing(
+        [rollout.condition for rollout in rollouts],
+        range(config.seed_start, config.seed_start + config.episodes),
+        lambda _: output_dir,
+        lambda missing: roll_out_all(zip(rollouts, missing, strict=True), config.workers),
+        name,
+        console,
+    )

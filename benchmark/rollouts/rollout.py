@@ -1,0 +1,199 @@
+"""Rolling a policy out: batches of one fixed shape, an episode always in the same row of its batch."""
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from functools import lru_cache
+from io import StringIO
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import gymnasium
+import numpy as np
+
+import envs
+from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
+from benchmark.episodes.table import Condition, Episode
+from benchmark.rollouts.guidance_class import GuidanceClass
+from envs.block_push.outcome import summarize
+from richmap.worker import start_worker
+
+if TYPE_CHECKING:
+    import gymnasium
+
+    from benchmark.episodes.table import Episode
+    from benchmark.rollouts.rollout import Rollout
+
+if TYPE_CHECKING:
+    import torch
+
+    from benchmark.rollouts.stock_policy import StockPolicy
+    from policies.modeling_guided_push import GuidedPushPolicy
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """What is rolled out: a condition, and where its parts lie on this machine."""
+
+    condition: Condition
+    checkpoint: Path
+    field: Path | None
+    """The field that guidance looks at; None without one."""
+    guidance: GuidanceClass | None = None
+    """The class of a method that is not ours; None for ours."""
+
+
+def roll_out(rollout: Rollout, seeds: Iterable[int], workers: int) -> Iterator[list[Episode]]:
+    """Run an episode for each seed, batch by batch in worker processes; gives each batch as it is finished.
+
+    The episode with seed s has row s mod `batch_shape` of batch s div `batch_shape`, whatever else is run. Rows that
+    are not wanted are padded, so float results do not depend on which episodes share a batch.
+    """
+    yield from roll_out_all([(rollout, seeds)], workers)
+
+
+def roll_out_all(jobs: Iterable[tuple[Rollout, Iterable[int]]], workers: int) -> Iterator[list[Episode]]:
+    """The same for one condition after another, in the same worker processes; one worker is this process."""
+    import torch
+
+    batches: dict[tuple[Rollout, int], list[int]] = {}
+    for rollout, seeds in jobs:
+        for seed in seeds:
+            batches.setdefault((rollout, seed // rollout.condition.batch_shape), []).append(seed)
+    if not batches:
+        return
+    workers = min(workers, len(batches))
+    if workers == 1:
+        torch.set_num_threads(1)  # As in a worker process.
+        yield from map(play, [rollout for rollout, _ in batches], batches.values())
+        return
+    with ProcessPoolExecutor(workers, get_context("spawn"), initializer=start_worker) as pool:
+        yield from pool.map(play, [rollout for rollout, _ in batches], batches.values())
+
+
+def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], None] | None = None) -> list[Episode]:
+    """Run the episodes of one batch in lock-step.
+
+    Args:
+        rollout: What is rolled out.
+        seeds: Episode seeds that share a batch.
+        watch: Called with each environment, which then renders, after its reset and each of its steps.
+    """
+    import torch
+
+    shape = rollout.condition.batch_shape
+    seed_of = {seed % shape: seed for seed in seeds}
+    policy = load_policy(rollout)
+    policy.reset()
+    state, environment = np.zeros((shape, 4), np.float32), np.zeros((shape, 12), np.float32)
+    environments = {slot: _environment(rollout.condition, slot, watch is not None) for slot in seed_of}
+    infos: dict[int, list[dict]] = {slot: [] for slot in seed_of}
+
+    def take(slot: int, observation: dict[str, np.ndarray], info: dict) -> None:
+        state[slot], environment[slot] = observation["agent_pos"], observation["environment_state"]
+        infos[slot].append(info)
+        if watch:
+            watch(environments[slot])
+
+    for slot, seed in seed_of.items():
+        take(slot, *environments[slot].reset(seed=seed))
+    active, step = sorted(seed_of), 0
+    while active:
+        batch = {"observation.state": state, "observation.environment_state": environment}
+        batch = {key: torch.tensor(value, device=rollout.condition.device) for key, value in batch.items()}
+        actions = _actions(policy, batch, [seed_of.get(slot, 0) for slot in range(shape)], step)
+        over = set()
+        for slot in active:
+            observation, _, terminated, truncated, info = environments[slot].step(actions[slot])
+            take(slot, observation, info)
+            if terminated or truncated:
+                over.add(slot)
+        active, step = [slot for slot in active if slot not in over], step + 1
+    return [Episode(rollout.condition, seed_of[s], s, summarize(infos[s])) for s in sorted(seed_of)]
+
+
+def _actions(
+    policy: "GuidedPushPolicy | StockPolicy", batch: "dict[str, torch.Tensor]", seeds: list[int], step: int
+) -> np.ndarray:
+    """Actions (rows, 2) in [m], with noise that is a function of the step and of the episode, or of its batch."""
+    import torch
+
+    from policies.modeling_guided_push import GuidedPushPolicy
+    from policies.noise import episode_noise
+
+    with torch.inference_mode():
+        if not isinstance(policy, GuidedPushPolicy):
+            return policy.select_action(batch, max(seeds) // len(seeds), step).numpy()
+        noise = episode_noise(seeds, step, policy.noise_shape)
+        return policy.select_action(batch, noise=noise.to(policy.config.device)).cpu().numpy()
+
+
+@lru_cache(maxsize=1)
+def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
+    """The policy of a rollout, guided as its condition says, on the condition's device."""
+    from lerobot.configs import PreTrainedConfig
+
+    import policies.modeling_guided_push as modeling
+
+    if Checkpoint(rollout.checkpoint).type != GUIDED:
+        from benchmark.rollouts.stock_policy import StockPolicy
+
+        return StockPolicy(rollout.checkpoint, rollout.condition.device)
+    config = PreTrainedConfig.from_pretrained(rollout.checkpoint)
+    config.device = rollout.condition.device
+    if rollout.guidance is None:
+        config.guidance, config.guidance_scale = rollout.condition.method, rollout.condition.guidance_scale
+    config.guidance_base = tuple(map(float, rollout.condition.base.split()))[:2]
+    config.guidance_seed = max(0, rollout.condition.training_seed)
+    config.energy_field = None if rollout.field is None else str(rollout.field)
+    config.noise_scheduler_type = rollout.condition.sampler
+    config.num_inference_steps = rollout.condition.sampling_steps
+    with redirect_stdout(StringIO()):  # LeRobot says that it loads weights.
+        policy = modeling.GuidedPushPolicy.from_pretrained(rollout.checkpoint, config=config)
+    if rollout.guidance is not None:
+        policy.guidance = rollout.guidance.make(
+            rollout.condition.guidance_scale, rollout.field, config.guidance_base, config.guidance_seed
+        )
+    return policy.to(rollout.condition.device).eval()
+
+
+def _environment(condition: Condition, slot: int, render: bool) -> gymnasium.Env:
+    """The environment of a row; kept from batch to batch, also of other conditions on the same arm."""
+    c = condition
+    return _arm_environment(c.robot, c.setting, c.base, c.branch, c.self_collision, c.orientation_weight, slot, render)
+
+
+@lru_cache(maxsize=64)
+def _arm_environment(
+    robot: str,
+    setting: str,
+    base: str,
+    branch: str,
+    self_collision: bool,
+    orientation_weight: float,
+    slot: int,
+    render: bool,
+) -> gymnasium.Env:
+    return gymnasium.make(
+        envs.ENVIRONMENTS[robot],
+        setting=setting,
+        base=tuple(map(float, base.split())),
+        wrist=branch,
+        self_collision=self_collision,
+        orientation_weight=orientation_weight,
+        obs_type="environment_state_agent_pos",
+        render_mode="rgb_array" if render else None,
+    )
+
+
+def alone(rollout: "Rollout", seed: int, watch: "Callable[[gymnasium.Env], None] | None" = None) -> "Episode":
+    """An episode, rolled out without others in its batch; `watch` as in `benchmark.rollouts.rollout.play`."""
+    import torch
+
+    from benchmark.rollouts.rollout import play
+
+    torch.set_num_threads(1)  # As in a rollout's worker process; two threads round otherwise.
+    (episode,) = play(rollout, [seed], watch)
+    return episode

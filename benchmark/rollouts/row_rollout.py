@@ -1,0 +1,156 @@
+"""Row rollout."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
+from benchmark.artifacts.known_policies import CHECKPOINTS
+from benchmark.rollouts.field_settings import noted_settings
+from benchmark.rollouts.make_rollout import make_rollout
+from benchmark.settings.command import SettingError
+from benchmark.settings.config import ArmConfig, RobotConfig, RunConfig
+from benchmark.settings.replay_config import ReplayConfig
+from policies.methods import METHODS
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from benchmark.rollouts.entry import Entry
+    from benchmark.rollouts.rollout import Rollout
+
+
+def row_rollout(row: Mapping[str, Any], config: ReplayConfig, console: "Console") -> "Rollout":
+    """What a row was rolled out with, from the pieces that are on this machine.
+
+    Raises:
+        SettingError: If a piece is missing.
+    """
+    import torch
+
+    from benchmark.episodes.table import row_name
+
+    if row["device"] == "cuda" and not torch.cuda.is_available():
+        raise SettingError(f"{row_name(row)} ran on a GPU, and PyTorch finds none here. Replay it where it ran.")
+    entry = row_entry(row, config.entry)
+    checkpoint = row_checkpoint(row, config.policy, entry)
+    if noted := noted_settings(Path(config.table), row["field_fingerprint"]):
+        config = replace(config, map=noted[0], energy=noted[1])
+    run = row_settings(row, config, Checkpoint(checkpoint).type == GUIDED)
+    if entry is None:
+        rollout = make_rollout(run, row["lambda"], checkpoint, console)
+    else:
+        rollout = entry.rollout(run, checkpoint, console)
+    made, stored = rollout.condition.field_fingerprint, row["field_fingerprint"]
+    if made != stored:
+        raise SettingError(
+            f"{row_name(row)} was guided by the field {stored[:16] or 'none'}, and these settings make "
+            f"{made[:16] or 'none'}. Give the map.* and energy.* that it was made with."
+        )
+    return rollout
+
+
+def row_entry(row: Mapping[str, Any], folder: str) -> "Entry | None":
+    """The entry that a row is of; None for one of our own methods.
+
+    Raises:
+        SettingError: If it is not the one in the folder, or the method is neither an entry's nor ours.
+    """
+    from benchmark.episodes.table import row_name
+    from benchmark.rollouts.entry import Entry
+
+    if not row["entry_hash"]:
+        if row["method"] not in METHODS:
+            raise SettingError(f"{row_name(row)}: there is no method {row['method']!r}. Methods: {', '.join(METHODS)}.")
+        return None
+    if not folder:
+        raise SettingError(f"{row_name(row)} is of an entry. Give its folder: entry=<folder>.")
+    entry = Entry.load(Path(folder))
+    if entry.files_hash != row["entry_hash"]:
+        raise SettingError(
+            f"{row_name(row)} is of an entry whose files have the hash {row['entry_hash'][:16]}, and those in "
+            f"{folder} have {entry.files_hash[:16]}. Give the folder as it was."
+        )
+    return entry
+
+
+def row_checkpoint(row: Mapping[str, Any], policy: str, entry: "Entry | None") -> Path:
+    """Folder of a row's policy: in the folder that is named, in the entry, or among ours.
+
+    Raises:
+        SettingError: If its weights are not there.
+    """
+    from benchmark.episodes.table import row_name
+
+    if policy:
+        folders = [Checkpoint.from_path(policy).folder]
+    elif entry is not None and entry.about.policy:
+        folders = entry.checkpoints([])
+    else:
+        folders = [file.parent for root in CHECKPOINTS for file in sorted(root.glob("*/model.safetensors"))]
+        folders.sort(key=lambda folder: folder.name != row["checkpoint"])
+    for folder in folders:
+        if policy_hash(folder) == row["checkpoint_hash"]:
+            return folder
+    raise SettingError(
+        f"{row_name(row)}: no policy with the weights {row['checkpoint_hash'][:16]} is in "
+        f"{', '.join(map(str, folders)) or 'the known folders'}. Give its folder: policy=<folder>."
+    )
+
+
+@lru_cache
+def policy_hash(folder: Path) -> str:
+    """That of the checkpoint in a folder, read once."""
+    return Checkpoint(folder).policy_hash
+
+
+def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> RunConfig:
+    """The settings of `benchmark.run` that make a row's condition.
+
+    Args:
+        row: The row.
+        config: Settings of the field, but for the size of its cells.
+        guided: Whether the policy is of our type, whose sampler is set.
+    """
+    energy = row["method"] in METHODS and METHODS[row["method"]].field == "energy"
+    arm = ArmConfig(
+        base=[float(x) for x in row["base"].split()],
+        wrist=row["branch"],
+        self_collision=row["self_collision"],
+        orientation_weight=row["orientation_weight"],
+    )
+    ours = {}
+    if row["method"] in METHODS:
+        ours = {"method": "paper" if row["method"] == "direct" else row["method"], "guidance_scale": row["lambda"]}
+    sampler = {"sampler": row["sampler"], "sampling_steps": row["sampling_steps"]} if guided else {}
+    return RunConfig(
+        robot=RobotConfig(row["robot"]),
+        setting=row["setting"],
+        arm=arm,
+        slots=row["batch_shape"],
+        device=row["device"],
+        workers=config.workers,
+        map=replace(config.map, cell_size=row["cell_size"]) if energy else config.map,
+        energy=config.energy,
+        **ours,
+        **sampler,
+    )
+
+
+def stored_otherwise(row: Mapping[str, Any]) -> str:
+    """What there is to say about how numbers were rounded where a row was stored; empty if as they are here."""
+    from benchmark.episodes.arithmetic import arithmetic
+    from benchmark.episodes.table import plain
+
+    how, here = plain(row.get("arithmetic")), arithmetic()
+    if how == here:
+        return ""
+    if how is None:
+        return "The row was stored before rows said how their machine rounds, which differed between machines."
+    return (
+        f"The row was stored where, or by code by which, numbers are rounded otherwise: arithmetic={how}, here {here}. "
+        "It should be the same on any x86-64 processor with AVX2 unless MKL_CBWR or OPENBLAS_CORETYPE is set, NumPy is "
+        f"loaded before benchmark, or the code is another: the row's is that of commit {row['commit'] or 'unknown'}."
+    )

@@ -1,0 +1,57 @@
+"""Any LeRobot policy in a rollout: with its own processors, and noise that a rollout can repeat."""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from lerobot.configs import PreTrainedConfig
+from lerobot.policies import get_policy_class, make_pre_post_processors
+from torch import Tensor
+
+from benchmark.settings.command import SettingError
+from envs.block_push.configuration_guided_push import GuidedPushEnvConfig
+
+
+class StockPolicy:
+    """A policy of another type than ours, evaluated as `lerobot-eval` does but for the noise.
+
+    Such a policy draws from torch's generator when and as much as it likes. So the generator is seeded anew for every
+    batch and step: an episode replays alone, since it keeps its batch and its row.
+
+    Args:
+        checkpoint: Folder that LeRobot saved the policy and its processors in.
+        device: cpu or cuda.
+
+    Raises:
+        SettingError: If the policy wants what the environments do not show, such as pictures, or gives other actions.
+    """
+
+    def __init__(self, checkpoint: Path, device: str) -> None:
+        config = PreTrainedConfig.from_pretrained(checkpoint)
+        config.device, config.pretrained_path = device, checkpoint
+        environment = GuidedPushEnvConfig()
+        shown = {name: environment.features[key].shape for key, name in environment.features_map.items()}
+        wanted = {name: tuple(x.shape) for name, x in {**config.input_features, **config.output_features}.items()}
+        if wrong := {name: shape for name, shape in wanted.items() if shown.get(name) != shape}:
+            texts = (", ".join(f"{name} {shape}" for name, shape in x.items()) for x in (wrong, shown))
+            raise SettingError("policy={} has {}. Here there are {}.".format(checkpoint, *texts))
+        self.policy = get_policy_class(config.type).from_pretrained(checkpoint, config=config).to(device).eval()
+        self.preprocess, self.postprocess = make_pre_post_processors(
+            config, str(checkpoint), preprocessor_overrides={"device_processor": {"device": device}}
+        )
+
+    def reset(self) -> None:
+        """Start new episodes."""
+        self.policy.reset()
+
+    def select_action(self, batch: dict[str, Float[Tensor, "b ..."]], number: int, step: int) -> Float[Tensor, "b 2"]:
+        """Actions in [m], on the CPU.
+
+        Args:
+            batch: Observations of all rows.
+            number: Which batch of episodes it is.
+            step: Environment step.
+        """
+        torch.manual_seed(int(np.random.SeedSequence((number, step)).generate_state(1)[0]))
+        return self.postprocess(self.policy.select_action(self.preprocess(batch)))

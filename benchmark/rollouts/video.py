@@ -1,0 +1,35 @@
+"""Video."""
+
+from itertools import cycle
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from benchmark.artifacts.outputs import replacing
+
+if TYPE_CHECKING:
+    import gymnasium
+
+    from benchmark.episodes.table import Episode
+    from benchmark.rollouts.rollout import Rollout
+
+
+def record(rollout: "Rollout", seed: int, file: Path) -> "Episode":
+    """Play one episode and write it as a GIF."""
+    import imageio.v3 as imageio
+
+    from benchmark.rollouts.rollout import alone
+
+    frames, shown = [], cycle([True, False])
+
+    def watch(env: "gymnasium.Env") -> None:
+        if next(shown):
+            frames.append(env.render()[::2, ::2])
+
+    episode = alone(rollout, seed, watch)
+    with replacing(file) as path:
+        imageio.imwrite(path, frames, duration=2000 / FRAMES_PER_SECOND, loop=0)
+    return episode
+
+
+FRAMES_PER_SECOND = 20
+"""Twice the speed of the episode, at a frame per control step."""

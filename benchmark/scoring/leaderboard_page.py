@@ -1,0 +1,81 @@
+"""The leaderboard as one page that needs no network: `leaderboard_page.html` filled with data and pictures."""
+
+import base64
+import json
+import re
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from markdown_it import MarkdownIt
+
+from benchmark.episodes.arm import setting_text
+from benchmark.scoring.leaderboard_text import HOW_TO_READ, MECHANISM_TEXT, PROTOCOL_TEXTS, rounding_text
+from benchmark.scoring.published import TABLE_3
+from benchmark.settings.config import TASK_ARMS
+from benchmark.settings.recipe import RECIPES, USUAL
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from benchmark.scoring.ranking import Protocol
+
+TEMPLATE = Path(__file__).with_suffix(".html")
+
+TEXTS = {"how_to_read": HOW_TO_READ, "mechanism": MECHANISM_TEXT}
+"""Prose of the document that the page has as well."""
+
+PICTURES = 4
+"""Most moving pictures of an arm."""
+
+
+def page(tables: "dict[Protocol, pd.DataFrame]", figures: Path, recipe: str = USUAL) -> str:
+    """The page.
+
+    Args:
+        tables: The leaderboard of each protocol.
+        figures: Folder of moving pictures, `<arm>-<setting>-<method and scale>-<seed>.gif` (`benchmark.record`).
+        recipe: Of the policies.
+    """
+    rows = [
+        row | {"protocol": protocol.name, "setting_text": setting_text(row)}
+        for protocol, table in tables.items()
+        for row in json.loads(table.to_json(orient="records", double_precision=6))
+    ]
+    versions = sorted({row["code_version"] for row in rows})
+    commits = sorted({commit for row in rows for commit in row["commits"]})
+    data = {
+        "rows": rows,
+        "protocols": {
+            protocol.name: {"scores": protocol.scores, "text": PROTOCOL_TEXTS[protocol.name].replace("`", "")}
+            for protocol in tables
+        },
+        "published": {robot: asdict(published) for robot, published in TABLE_3.items()},
+        "pictures": pictures(figures),
+        "about": f"{sum(row['n'] for row in rows):,} episodes on test seeds from 100000 on; rounded as "
+        f"{rounding_text(row['rounded_as'] for row in rows)}; code version {', '.join(versions)}; commit "
+        f"{', '.join(commits)}. Policies learned from {RECIPES[recipe]}.",
+    }
+    prose = {name: MarkdownIt().render(text) for name, text in TEXTS.items()}
+    filled = prose | {"data": json.dumps(data).replace("<", "\\u003c")}
+    return re.sub(r"{{(\w+)}}", lambda place: filled[place[1]], TEMPLATE.read_text())
+
+
+def pictures(folder: Path) -> list[dict[str, str]]:
+    """The first moving pictures of each arm, as the page holds them."""
+    files = [file for robot in TASK_ARMS for file in sorted(folder.glob(f"{robot}-*.gif"))[:PICTURES]]
+    return [
+        {
+            "caption": ", ".join(file.stem.replace("lambda", "λ ").split("-")),
+            "source": f"data:image/webp;base64,{base64.b64encode(_webp(file)).decode()}",
+        }
+        for file in files
+    ]
+
+
+def _webp(gif: Path) -> bytes:
+    """A moving picture as WebP, which takes a tenth of the space."""
+    import imageio.v3 as imageio
+
+    duration = imageio.immeta(gif)["duration"]
+    return imageio.imwrite("<bytes>", imageio.imread(gif), extension=".webp", duration=duration, loop=0, quality=60)

@@ -1,0 +1,253 @@
+"""The leaderboard as a document."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from itertools import chain
+
+import pandas as pd
+
+from benchmark.episodes.arm import ARM, changes, setting_text
+from benchmark.scoring.published import TABLE_3
+from benchmark.scoring.ranking import PAPER, Protocol
+from benchmark.scoring.scores import causes_text, difference_text, with_interval
+from benchmark.settings.recipe import RECIPES, USUAL
+
+TEXT = """# Leaderboard
+
+Made by `python -m benchmark.leaderboard{setting}` from the stored episodes alone. With filters, curves and moving
+pictures: [`leaderboard.html`](leaderboard.html).
+
+- **Policies** learned from {demonstrations}.
+"""
+
+HOW_TO_READ = """- **Episodes**: test seeds from 100000 on, by which nothing was chosen; the same for all arms, methods
+  and scales.
+- **Scores**, in percent: `score` is 0.49 for some block in a target and 1 for both; `p2` is both in different targets
+  at one moment; `success_at_end` is both still there one second later.
+- **[ ]** are 95 % intervals for other trainings and other episodes: a bootstrap of training seeds crossed with episode
+  seeds (Owen & Eckles 2012; all draws at once, in closed form), with Student's t since trainings are few. With one
+  training they are for other episodes alone. With few episodes they are wide also where all agree, since other scenes
+  may be harder. Those of single policies and of oracles are Wilson's.
+- **Difference** is that to direct transfer, same policies, same episodes, in points; of an entry with a policy of its
+  own, that to each of ours. Its interval is for other trainings as well. Its p is for these trainings alone: of all
+  flips of the sign of whole episodes, which for one training and a rate is the exact McNemar test; *Holm* is adjusted,
+  each score by itself, for all arms, methods and scales of the protocol's setting that are whole (no *); an entry's
+  for these and its own.
+- **Reference** and **ceiling** are the scripted oracle that knows nothing of the arm and the one that does, on test
+  seeds, by the same code. A policy may beat either.
+- **Failed by cause**: an episode failed if it never had p2. What rolled out of a target later has no cause.
+- **n** counts episodes, of all policies; * marks a row that lacks policies or episodes of the protocol, or some of
+  direct transfer's that it is compared with, and so comes last. *(entry)*: evaluated by `benchmark.enter`. A dash: not
+  measured.
+- **What counts**: rows of a protocol's settings, episodes and batches, by policies that ship with the project and
+  learned so, or by entries, which stand beside the usual policies. Other code versions have sections, and Holm
+  families, of their own; those that were shown to give the same episodes, but for how they are rounded, go by one name
+  (`ALIKE` in `benchmark/code_version.py`, which says how it was shown).
+- **Rounded as** which `arithmetic` the last digits were: rows of the present code should replay on any x86-64 processor
+  with AVX2, others by the code of their commit on processors like theirs; rows of before 23 November 2026 do not say.
+  Rows that are rounded otherwise share policy, scene and noise when they are paired, but not the last digits.
+"""
+
+PROTOCOL_TEXTS = {
+    "paper": "Setting `original` (just the arm swapped). First 50 test seeds, three policies of each training seed.",
+    "strict": "Settings `embodied` and `best`. First 500 test seeds, the best checkpoint of each training seed.",
+}
+
+PAPER_TEXT = """Score, mean over nine policies (* over fewer), and their least and most. Which λ the paper's guided
+column is of, it does not say; ours is the curve up to λ = 1, where the paper's ends, from its lowest to its highest
+point."""
+
+ARM_CHANGED_TEXT = """Direct transfer with the base where the arm's own map puts it (`best`) or elsewhere, with the
+wrist in the other branch, or with another weight of orientation in the inverse kinematics, so that the tool may lean,
+minus direct transfer on the arm of the setting `embodied`: same policies, same episodes, in points; intervals and p as
+above, but not adjusted."""
+
+MECHANISM_TEXT = """In percent, then the difference to direct transfer in points. *Farther first*: of episodes in which
+a block entered a target, those in which the first one entered the farther target; its difference is over the episodes
+in which one did either way. *Order changed*: of these episodes, those in which another block or target was first. The
+others are shares of an episode's steps (means over episodes), whose intervals have no width where no episode differs:
+*near base* within 0.235 m of the base axis; *rectangle*
+in the paper's dangerous one, in its two readings; *outer reach* beyond 0.54 m."""
+
+
+def markdown(tables: dict[Protocol, pd.DataFrame], recipe: str = USUAL) -> str:
+    """The leaderboards of all protocols as one document, of the policies of a recipe."""
+    setting = "" if recipe == USUAL else f" recipe={recipe}"
+    parts = [TEXT.format(setting=setting, demonstrations=RECIPES[recipe]) + HOW_TO_READ]
+    for protocol, table in tables.items():
+        table = in_order(table, protocol)
+        parts += [f"## Protocol `{protocol.name}`", PROTOCOL_TEXTS[protocol.name]]
+        if protocol == PAPER:
+            parts += ["### Beside the paper's Table 3", PAPER_TEXT, _text(beside_the_paper(table))]
+        for _, rows in table.groupby([*ARM, "code_version"], sort=False):
+            first = rows.iloc[0]
+            parts += [f"### {first.robot}, {setting_text(first)}", arm_text(rows), _text(scores(rows, protocol))]
+        if len(moved := between_settings(table)):
+            parts += ["### How the arm stands and holds its tool", ARM_CHANGED_TEXT, _text(moved)]
+        parts += ["### What guidance changed", MECHANISM_TEXT, _text(mechanism(table))]
+        if protocol.best_only:
+            parts += ["### Policy by policy", _text(by_policy(table, protocol))]
+    return "\n\n".join(part.strip() for part in parts) + "\n"
+
+
+def in_order(table: pd.DataFrame, protocol: Protocol) -> pd.DataFrame:
+    """Arm by arm the best method first, or for the paper's protocol along its curve."""
+    if protocol != PAPER:
+        return table
+    arms = table.groupby([*ARM, "code_version"], sort=False)
+    return pd.concat([rows.sort_values(["method", "lambda"]) for _, rows in arms])
+
+
+def beside_the_paper(table: pd.DataFrame) -> pd.DataFrame:
+    """The paper's success of each arm and ours, direct and guided as the paper guides."""
+    rows = []
+    for _, of_arm in table.groupby([*ARM, "code_version"], sort=False):
+        robot = of_arm.robot.iloc[0]
+        direct = of_arm[of_arm.method == "direct"]
+        guided = of_arm[(of_arm.method == "paper") & (of_arm["lambda"] <= 1)].sort_values("score")
+        published = TABLE_3[robot]
+        rows.append(
+            {
+                "arm": ", ".join([robot, *changes(of_arm.iloc[0])]),
+                "direct: paper": _published(published.direct),
+                "direct: ours": ", ".join(_mean_and_range(row) for _, row in direct.iterrows()) or "-",
+                "guided: paper": _published(published.guided),
+                "guided: ours": "; ".join(_ends(curve) for _, curve in guided.groupby("cell_size")) or "-",
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _ends(curve: pd.DataFrame) -> str:
+    """The lowest and the highest point of a curve in λ that is sorted by score."""
+    points = (f"{_mean_and_range(row)} at λ {row['lambda']:g}" for _, row in curve.iloc[[0, -1]].iterrows())
+    return f"{' to '.join(points)} (cells {curve.cell_size.iloc[0]:g} m)"
+
+
+def arm_text(rows: pd.DataFrame) -> str:
+    """How an arm stood, and what the scripted oracles reach on it."""
+    first = rows.iloc[0]
+    may_bind = {"self-collision": first.self_collision, "joint limits": first.joint_limits}
+    binding = " and ".join(name for name, binds in may_bind.items() if binds) or "nothing"
+    oracles = [f"{role}: {oracle_text(first[role])}" for role in ("reference", "ceiling")]
+    return (
+        f"Base {first.base} m, wrist {first.branch}, {binding} binding; code {first.code_version}, commit "
+        f"{', '.join(sorted({*chain(*rows.commits)}))}; rounded as {rounding_text(rows.rounded_as)}. p2 of the "
+        f"{'; of the '.join(oracles)}."
+    )
+
+
+def rounding_text(counts: Iterable[Mapping[str, int]]) -> str:
+    """How many rows were rounded in which way, the most frequent first."""
+    total = sum(map(Counter, counts), Counter())
+    return ", ".join(f"{arithmetic} ({rows:,})" for arithmetic, rows in total.most_common())
+
+
+def oracle_text(measured: dict | None) -> str:
+    """p2 of a scripted oracle."""
+    if measured is None:
+        return "-"
+    return f"{with_interval(measured, 'p2')} (n {measured['n']}, seeds from {measured['first']})"
+
+
+def scores(rows: pd.DataFrame, protocol: Protocol) -> pd.DataFrame:
+    """Scores of all methods on one arm."""
+    shown = {**_method(rows), "n": [f"{row.n}{'' if row.complete else '*'}" for row in rows.itertuples()]}
+    for name in protocol.scores:
+        shown |= {
+            name: [with_interval(row, name) for _, row in rows.iterrows()],
+            f"{name}: policies": [_range(row, name) for _, row in rows.iterrows()],
+            f"{name}: difference": [difference_text(row, f"{name}_difference") for _, row in rows.iterrows()],
+            f"{name}: p (Holm)": [_p_values(row[f"{name}_p"], row[f"{name}_holm"]) for _, row in rows.iterrows()],
+        }
+    return pd.DataFrame(shown | {"failed by cause": [causes_text(causes) for causes in rows.causes]})
+
+
+def between_settings(rows: pd.DataFrame) -> pd.DataFrame:
+    """What another base, wrist or a leaning tool brings to direct transfer, arm by arm."""
+    shown = []
+    for row in rows.dropna(subset="p2_arm_difference").to_dict("records"):
+        shown.append({"arm": row["robot"], "setting": setting_text(row), "base": row["base"], "n": row["n"]})
+        for name in ("p2", "score"):
+            shown[-1] |= {
+                name: with_interval(row, name),
+                f"{name}: difference": difference_text(row, f"{name}_arm_difference"),
+                f"{name}: p": f"{row[f'{name}_arm_p']:.2g}",
+            }
+    return pd.DataFrame(shown)
+
+
+def mechanism(rows: pd.DataFrame) -> pd.DataFrame:
+    """Order of blocks and targets, and where the flange was."""
+    names = {
+        "farther first": "far_target_first",
+        "near base": "share_near_base",
+        "rectangle, axes turned": "share_rectangle_a",
+        "rectangle, centred on the table": "share_rectangle_b",
+        "outer reach": "share_outer_reach",
+    }
+    shown = {"setting": [setting_text(row) for _, row in rows.iterrows()], "arm": rows.robot, **_method(rows)}
+    shown["order changed"] = [
+        "-" if pd.isna(row.order_changed) else with_interval(row, "order_changed") for _, row in rows.iterrows()
+    ]
+    for title, name in names.items():
+        shown[title] = [
+            f"{100 * row[name]:.1f}"
+            + ("" if pd.isna(row[f"{name}_difference"]) else f", {difference_text(row, f'{name}_difference')}")
+            for _, row in rows.iterrows()
+        ]
+    return pd.DataFrame(shown)
+
+
+def by_policy(table: pd.DataFrame, protocol: Protocol) -> pd.DataFrame:
+    """Scores of every policy by itself."""
+    rows = []
+    for row in table.to_dict("records"):
+        about = pd.DataFrame([row])
+        for policy in row["policies"]:
+            shown = {"setting": setting_text(row), "arm": row["robot"], **{k: v[0] for k, v in _method(about).items()}}
+            shown |= {"checkpoint": policy["checkpoint"], "n": policy["n"]}
+            for name in protocol.scores:
+                shown[name] = with_interval(policy, name)
+                shown[f"{name}: difference"] = difference_text(policy, f"{name}_difference")
+                shown[f"{name}: McNemar p"] = (
+                    "-" if pd.isna(policy[f"{name}_mcnemar"]) else f"{policy[f'{name}_mcnemar']:.2g}"
+                )
+            rows.append(shown)
+    return pd.DataFrame(rows)
+
+
+def method_text(row) -> str:
+    """A method and what may differ between rows of one method."""
+    sampler = "" if row.sampler == "none" else f", {row.sampler}-{row.sampling_steps}"
+    cells = "" if pd.isna(row.cell_size) else f", cells {row.cell_size:g} m"
+    device = "" if row.device == "cpu" else f", {row.device}"
+    return f"{row.method}{' (entry)' if row.entry else ''}{sampler}, batches of {row.batch_shape}{cells}{device}"
+
+
+def _method(rows: pd.DataFrame) -> dict[str, list[str]]:
+    return {
+        "method": [method_text(row) for row in rows.itertuples()],
+        "λ": rows["lambda"].map("{:g}".format).tolist(),
+    }
+
+
+def _p_values(p: float, holm: float) -> str:
+    """A p-value and the adjusted one, which rows that are not whole lack."""
+    return "-" if pd.isna(p) else f"{p:.2g} ({'-' if pd.isna(holm) else f'{holm:.2g}'})"
+
+
+def _range(row: pd.Series, name: str) -> str:
+    return f"{100 * row[f'{name}_least']:.1f} to {100 * row[f'{name}_most']:.1f}"
+
+
+def _mean_and_range(row: pd.Series) -> str:
+    return f"{100 * row.score:.1f}{'' if row.complete else '*'} ({_range(row, 'score')})"
+
+
+def _published(figures: tuple[float, float, float] | None) -> str:
+    return "-" if figures is None else "{:.1f} ({:.1f} to {:.1f})".format(*(100 * x for x in figures))
+
+
+def _text(table: pd.DataFrame) -> str:
+    return table.to_markdown(index=False, disable_numparse=True)

@@ -1,0 +1,47 @@
+"""What the scripted oracles reach on an arm: the reference (plain) and the ceiling (aware) of its policies."""
+
+import pandas as pd
+
+from benchmark.episodes.arm import ARM
+from benchmark.scoring.ranking import PROTOCOLS
+from benchmark.scoring.scores import SCORES
+from benchmark.scoring.statistics import rate_interval
+from benchmark.settings.config import FIRST_TEST_SEED, ORACLE_METHODS
+
+ROLES = {"reference": "plain", "ceiling": "aware"}
+
+SEEDS = range(FIRST_TEST_SEED, FIRST_TEST_SEED + max(protocol.episodes for protocol in PROTOCOLS))
+"""Episodes of the oracles that count, whatever else was played."""
+
+KEY = [*ARM, "code_version"]
+"""Columns in which an oracle's episodes agree with the policies' that they stand beside."""
+
+
+def with_oracles(table: pd.DataFrame, episodes: pd.DataFrame) -> pd.DataFrame:
+    """A leaderboard with the columns `reference` and `ceiling`: n, first seed and scores, or None if not played.
+
+    Args:
+        table: The leaderboard.
+        episodes: Rows of all methods. An oracle's arm must be the policy's in all columns that describe it, and the
+            version of the code must be the same. Those of `SEEDS` count.
+    """
+    if episodes.empty:
+        return table.assign(**dict.fromkeys(ROLES))
+    episodes = episodes[episodes.episode_seed.isin(SEEDS)]
+    arms = [tuple(arm) for arm in table[KEY].itertuples(index=False)]
+    for role, oracle in ROLES.items():
+        played = _by_arm(episodes[episodes.method == ORACLE_METHODS[oracle]])
+        table = table.assign(**{role: [played.get(arm) for arm in arms]})
+    return table
+
+
+def _by_arm(played: pd.DataFrame) -> dict[tuple, dict[str, float]]:
+    """n, first seed and scores with Wilson intervals of an oracle on each arm."""
+    scores = {}
+    for key, rows in played.groupby(KEY):
+        scores[key] = {"n": len(rows), "first": int(rows.episode_seed.min())}
+        for name in SCORES:
+            values = rows[name].to_numpy(dtype=float)
+            low, high = rate_interval(values)
+            scores[key] |= {name: float(values.mean()), f"{name}_low": low, f"{name}_high": high}
+    return scores

@@ -1,0 +1,269 @@
+"""Methods ranked on each arm: a pure function of the episodes tables, by two protocols."""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from benchmark.episodes.arm import ARM, arm_of, of_arm
+from benchmark.settings.command import SettingError
+from benchmark.settings.config import FIRST_TEST_SEED, TASK_ARMS, RunConfig
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from benchmark.scoring.statistics import Crossed
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """Which test episodes count, and by which scores."""
+
+    name: str
+    settings: tuple[str, ...]
+    episodes: int
+    """Of each policy, from the first test seed on."""
+    slots: int
+    """Rows of the batches in which policies are evaluated: other batches round otherwise."""
+    policies: int
+    """Of ours; an entry may have one of its own."""
+    scores: tuple[str, ...]
+    """The first one ranks."""
+    best_only: bool
+    """Whether of our own policies only the best checkpoint of each training seed counts."""
+
+
+PAPER = Protocol("paper", ("original",), 50, 10, 9, ("score", "p2"), best_only=False)
+STRICT = Protocol("strict", ("embodied", "best"), 500, 50, 3, ("p2", "success_at_end", "p1", "score"), best_only=True)
+PROTOCOLS = (PAPER, STRICT)
+
+SAMPLING = ["sampler", "sampling_steps", "batch_shape", "device"]
+GUIDANCE = ["method", "lambda", "field_fingerprint", "cell_size", "entry_hash"]
+"""Columns of the episodes table that rows must share, with those of their arm and their code version, to be counted
+together, whatever their policy."""
+
+MECHANISM = ("far_target_first", "share_near_base", "share_rectangle_a", "share_rectangle_b", "share_outer_reach")
+"""What guidance is said to change: whether the first block goes to the farther target, and where the flange spends its
+steps."""
+
+
+def counted(episodes: "pd.DataFrame", protocol: Protocol, ours: set[str]) -> "pd.DataFrame":
+    """The rows that a protocol counts: of its settings, episodes and batches, of our policies (hashes of their weights)
+    or of an entry. Other people's policies count as entries."""
+    if episodes.empty:
+        return episodes
+    seeds = range(FIRST_TEST_SEED, FIRST_TEST_SEED + protocol.episodes)
+    counts = episodes.setting.isin(protocol.settings) & episodes.episode_seed.isin(seeds)
+    counts &= episodes.batch_shape == protocol.slots
+    of_ours = episodes.checkpoint_hash.isin(ours)
+    if protocol.best_only:
+        of_ours &= ~episodes.checkpoint.str.fullmatch(r"(\w+-)?seed\d+-([2-9]|\d\d+)")
+    return episodes[counts & (of_ours | (episodes.entry_hash != ""))]
+
+
+def as_usual(episodes: "pd.DataFrame") -> "pd.DataFrame":
+    """The rows for tables that tell methods apart by name and scale: policies as they usually sample, on a CPU.
+
+    How many others there are is printed.
+
+    Raises:
+        SettingError: If they are of several versions of the code.
+    """
+    if episodes.empty:
+        return episodes
+    usual = (episodes.sampler == RunConfig.sampler) & (episodes.sampling_steps == RunConfig.sampling_steps)
+    rows = episodes[(usual | (episodes.entry_hash != "")) & (episodes.device == "cpu")]
+    if left_out := len(episodes) - len(rows):
+        print(f"{left_out} episodes of policies that sample otherwise than usual, or on a GPU, are left out.")
+    if rows.code_version.nunique() > 1:
+        raise SettingError(
+            f"There are test episodes by several versions of the code: {', '.join(sorted({*rows.code_version}))}. "
+            "Together they would be one method's. Move those of all but one away."
+        )
+    return rows
+
+
+def counted_by_any(episodes: "pd.DataFrame", ours: set[str]) -> "pd.DataFrame":
+    """The rows that one of the protocols counts; no two of them have a setting in common."""
+    import pandas as pd
+
+    return pd.concat([counted(episodes, protocol, ours) for protocol in PROTOCOLS])
+
+
+def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
+    """One row per arm and method, over all policies: scores, differences to direct transfer, what changed, causes.
+
+    Rows that lack episodes or policies, or some of those of direct transfer that they are compared with, come last on
+    their arm: what is missing may be what failed. So do those of an entry that has some of our policies and others.
+
+    For each score and each of `MECHANISM` there is its mean (the column of its name), `_low` and `_high`, its
+    difference to direct transfer on the same episodes of the same policies (of ours, where an entry has its own),
+    `_difference`, `_difference_low` and `_high`; for scores also the least and most of any policy, `_least` and
+    `_most`, the difference's `_p` (`statistics.sign_flip_p_value`), and `_holm`, the same `adjusted`. Likewise, for
+    direct transfer on an arm that stands or holds its tool otherwise than in the setting `embodied`, that to direct
+    transfer there, `_arm_difference` and `_arm_p`. NaN where there is nothing to compare with. `policies` has the
+    figures of each.
+
+    Args:
+        episodes: The rows that count.
+        protocol: Says by which scores.
+
+    Raises:
+        SettingError: If two policies go by one name.
+    """
+    import pandas as pd
+
+    rows, ours = [], episodes.checkpoint_hash[episodes.entry_hash == ""].unique()
+    episodes = episodes.assign(far_target_first=_far_target_first(episodes), training=_training(episodes))
+    for _, on_arm in episodes.groupby([*ARM, "code_version"]):
+        for _, group in on_arm.groupby([*GUIDANCE, *SAMPLING], dropna=False):
+            foreign = bool(group.entry_hash.iloc[0]) and not group.checkpoint_hash.isin(ours).any()
+            direct = _direct(on_arm, group, foreign)
+            mixed = not foreign and not group.checkpoint_hash.isin(ours).all()
+            row = _row(group, direct, protocol, foreign) | _to_usual_arm(episodes, group, protocol)
+            rows.append(row | {"complete": row["complete"] and not mixed})
+    table = pd.DataFrame(rows)
+    for score in protocol.scores:
+        table[f"{score}_holm"] = adjusted(table, f"{score}_p")
+    rank = [protocol.settings.index(x) for x in table.setting], [TASK_ARMS.index(x) for x in table.robot]
+    order = np.lexsort([table["lambda"], -table[protocol.scores[0]], ~table.complete, *rank[::-1]])
+    return table.iloc[order].reset_index(drop=True)
+
+
+def adjusted(table: "pd.DataFrame", name: str) -> "pd.Series":
+    """P-values of a column adjusted after Holm for all robots, methods and scales of a setting and version of the code.
+
+    Only complete rows are adjusted and counted, and somebody else's entry in no family but its own, ours and its own:
+    what others add changes nobody's figures.
+    """
+    import pandas as pd
+
+    from benchmark.scoring.statistics import holm
+
+    p_values = pd.Series(np.nan, index=table.index)
+    for (*of_setting, entry), rows in table.groupby(["setting", "code_version", "entry_hash"]):
+        alike = (table[["setting", "code_version"]] == of_setting).all(axis=1)
+        family = table[name][alike & table.complete & table.entry_hash.isin(["", entry])]
+        p_values.update(pd.Series(holm(family.to_numpy()), family.index).reindex(rows.index))
+    return p_values
+
+
+def _far_target_first(episodes: "pd.DataFrame") -> "pd.Series":
+    """1 where the first block that entered a target entered the farther one, 0 for the nearer, NaN for none."""
+    return episodes.first_target.map({"far": 1.0, "near": 0.0}).astype(float)
+
+
+def _training(episodes: "pd.DataFrame") -> "pd.Series":
+    """What counts as one training: the seed, or where the checkpoint does not say, the checkpoint."""
+    seed = episodes.training_seed
+    return seed.astype(str).where(seed >= 0, episodes.checkpoint_hash)
+
+
+def _direct(on_arm: "pd.DataFrame", group: "pd.DataFrame", foreign: bool) -> "pd.DataFrame":
+    """Episodes of direct transfer that a group can be compared with; none for direct transfer itself.
+
+    A policy that is not ours, and that may not even diffuse, is compared with ours as they usually sample.
+    """
+    sampling = group[SAMPLING].iloc[0].copy()
+    if foreign:
+        sampling[["sampler", "sampling_steps"]] = RunConfig.sampler, RunConfig.sampling_steps
+    same = (on_arm[SAMPLING] == sampling).all(axis=1)
+    return on_arm[same & (on_arm.method == "direct") & (group.method.iloc[0] != "direct")]
+
+
+def _to_usual_arm(episodes: "pd.DataFrame", group: "pd.DataFrame", protocol: Protocol) -> dict[str, float]:
+    """Difference of direct transfer on an arm that stands or holds its tool otherwise to that on the arm of the setting
+    embodied; NaN for all else."""
+    from benchmark.scoring.statistics import clustered_difference, sign_flip_p_value
+    from envs.arm.arms import arm_setting
+
+    first, alike = group.iloc[0], ["robot", "method", "code_version", *SAMPLING]
+    usual = arm_setting(first.robot, "embodied")
+    common = of_arm(episodes[(episodes[alike] == first[alike]).all(axis=1)], usual)
+    if replace(arm_of(first), name=usual.name) == usual or first.method != "direct":
+        common = common[:0]
+    pairs = group.merge(common, on=["checkpoint_hash", "episode_seed"], suffixes=("", "_common"))
+    row: dict[str, float] = {}
+    for name in protocol.scores:
+        crossed = _crossed(pairs, pairs[name].astype(float) - pairs[f"{name}_common"].astype(float))
+        row |= _named(f"{name}_arm_difference", clustered_difference(crossed))
+        row[f"{name}_arm_p"] = sign_flip_p_value(crossed)
+    return row
+
+
+def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol, foreign: bool) -> dict:
+    """One row of the leaderboard; an entry that has one of our policies is to have all of them.
+
+    A foreign policy is compared with each of ours on the same scenes, all others with themselves.
+    """
+    from benchmark.scoring.statistics import clustered_difference, clustered_mean, sign_flip_p_value
+
+    first = group.iloc[0]
+    names = group.groupby("checkpoint").checkpoint_hash.nunique()
+    if names.max() > 1:
+        raise SettingError(
+            f"Two policies go by the name {names.idxmax()} on {first.robot}, {first.setting}, {first.method} "
+            f"{first['lambda']:g}: {', '.join(x[:12] for x in group.checkpoint_hash.unique())}. "
+            "Move the episodes.parquet of one of them away."
+        )
+    row = first[[*ARM, *GUIDANCE, *SAMPLING, "code_version"]].to_dict() | {
+        "entry": bool(first.entry_hash),
+        "commits": sorted(group.commit.unique()),
+        "n": len(group),
+        "rounded_as": group.arithmetic.fillna("unknown").value_counts().to_dict(),
+        "episodes": group.episode_seed.nunique(),
+        "trainings": group.training.nunique(),
+        "causes": group.failure_cause.dropna().value_counts().to_dict(),
+    }
+    of_pair = ["episode_seed"] if foreign else ["checkpoint_hash", "episode_seed"]
+    pairs = group.merge(direct, on=of_pair, suffixes=("", "_direct")).assign(training=lambda pair: pair.training_direct)
+    policies, with_each = (group.checkpoint.nunique(), protocol.policies) if foreign else (protocol.policies, 1)
+    whole = len(group) == protocol.episodes * policies
+    row["complete"] = whole and len(pairs) in (0, with_each * len(group))
+    for name in (*protocol.scores, *MECHANISM):
+        extra = {"extra": ()} if name.startswith("share_") else {}
+        row |= _named(name, clustered_mean(_crossed(group, group[name]), **extra))
+        row |= _named(f"{name}_difference", (np.nan,) * 3)
+        row |= {f"{name}_p": np.nan} if name in protocol.scores else {}
+        if len(pairs):
+            difference = pairs[name].astype(float) - pairs[f"{name}_direct"].astype(float)
+            crossed = _crossed(pairs, difference)
+            row |= _named(f"{name}_difference", clustered_difference(crossed, **extra))
+            if name in protocol.scores:
+                row[f"{name}_p"] = sign_flip_p_value(crossed)
+    changed = (pairs.first_block != pairs.first_block_direct) | (pairs.first_target != pairs.first_target_direct)
+    row |= _named("order_changed", clustered_mean(_crossed(pairs, changed)) if len(pairs) else (np.nan,) * 3)
+    row["policies"] = [_policy(rows, direct, protocol) for _, rows in group.groupby("checkpoint")]
+    for score in protocol.scores:
+        means = [policy[score] for policy in row["policies"]]
+        row |= {f"{score}_least": min(means), f"{score}_most": max(means)}
+    return row
+
+
+def _crossed(rows: "pd.DataFrame", values: "pd.Series") -> "Crossed":
+    """Values of these rows by training and episode."""
+    from benchmark.scoring.statistics import Crossed
+
+    return Crossed(values.to_numpy(float, na_value=np.nan), rows.training.to_numpy(str), rows.episode_seed.to_numpy())
+
+
+def _policy(rows: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol) -> dict:
+    """Figures of one policy: Wilson intervals, paired differences to direct transfer, exact McNemar tests."""
+    from benchmark.scoring.scores import paired
+    from benchmark.scoring.statistics import rate_interval
+
+    policy = {"checkpoint": rows.checkpoint.iloc[0], "n": len(rows)}
+    control = direct[direct.checkpoint_hash == rows.checkpoint_hash.iloc[0]]
+    differences = paired(rows, control).set_index("score") if len(control) else None
+    for score in protocol.scores:
+        values = rows[score].to_numpy(dtype=float)
+        policy |= _named(score, (values.mean(), *rate_interval(values)))
+        policy |= _named(f"{score}_difference", (np.nan,) * 3) | {f"{score}_mcnemar": np.nan}
+        if differences is not None:
+            *interval, p_value = differences.loc[score, ["difference", "low", "high", "p"]]
+            policy |= _named(f"{score}_difference", interval) | {f"{score}_mcnemar": p_value}
+    return policy
+
+
+def _named(name: str, interval: tuple[float, float, float]) -> dict[str, float]:
+    return dict(zip((name, f"{name}_low", f"{name}_high"), interval, strict=True))

@@ -1,0 +1,55 @@
+"""The table of scales: what each scale of each method of guidance comes to, and which is chosen."""
+
+from typing import TYPE_CHECKING
+
+from benchmark.episodes.arm import ARM
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+CHOSEN_FOR = [*ARM, "sampler", "sampling_steps"]
+"""Columns of the episodes table that a scale is chosen for."""
+
+METHOD = ["method", "cell_size", "field_fingerprint"]
+"""And these: slopes of two fields are of two sizes, so that a scale holds for one of them."""
+
+
+def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
+    """A row per arm, method, field and scale, over all checkpoints: n, p2, score, and differences to direct transfer.
+
+    Differences are paired: same checkpoint, same episode. `chosen` is the scale with the best p2, of equal ones the
+    smallest; of those that were rolled out whole, on every episode of direct transfer's. Intervals are for other
+    trainings and other episodes.
+    """
+    import pandas as pd
+
+    from benchmark.scoring.statistics import Crossed, clustered_difference, clustered_mean
+
+    def crossed(rows: pd.DataFrame, values: pd.Series) -> Crossed:
+        return Crossed(values.to_numpy(float), rows.checkpoint_hash.to_numpy(str), rows.episode_seed.to_numpy())
+
+    rows = []
+    for arm, group in episodes.groupby(CHOSEN_FOR, sort=True):
+        direct = group[group.method == "direct"]
+        for key, point in group.groupby([*METHOD, "lambda"], sort=False, dropna=False):
+            pairs = point.merge(direct, on=["checkpoint_hash", "episode_seed"], suffixes=("", "_direct"))
+            row = dict(zip([*CHOSEN_FOR, *METHOD, "lambda"], (*arm, *key), strict=True))
+            row |= {
+                "n": len(point),
+                "checkpoints": point.checkpoint_hash.nunique(),
+                "whole": 0 < len(pairs) == len(direct),
+            }
+            for name in ("p2", "score"):
+                less = pairs[name].astype(float) - pairs[f"{name}_direct"].astype(float)
+                rate, difference = (
+                    clustered_mean(crossed(point, point[name])),
+                    clustered_difference(crossed(pairs, less)),
+                )
+                row |= dict(zip((name, f"{name}_low", f"{name}_high"), rate, strict=True))
+                of_difference = (f"{name}_difference", f"{name}_difference_low", f"{name}_difference_high")
+                row |= dict(zip(of_difference, difference, strict=True))
+            rows.append(row)
+    table = pd.DataFrame(rows).sort_values([*CHOSEN_FOR, *METHOD, "lambda"], ignore_index=True)
+    in_order = table[table.whole].sort_values(["p2", "lambda"], ascending=[False, True])
+    best = in_order.groupby([*CHOSEN_FOR, *METHOD], dropna=False).head(1)
+    return table.assign(chosen=table.index.isin(best.index))

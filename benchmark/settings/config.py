@@ -1,0 +1,401 @@
+"""Settings that several commands share: names, defaults, units and what is allowed."""
+
+import math
+import os
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from benchmark.settings.command import SettingError, check_setting
+from benchmark.settings.recipe import USUAL, check_recipe
+from policies.methods import METHODS
+from richmap.similarity.energy_settings import CHOICES, EnergySettings
+
+if TYPE_CHECKING:
+    from richmap.robots.robot import RobotDescription
+
+SOURCE = "xarm6"
+"""The arm that policies are trained on; its base frame is the world frame."""
+
+TASK_ARMS = ("xarm6", "ur3", "ur5", "ur10")
+"""The arms that do the block-push task (`envs.arm.arms.ARMS`)."""
+
+FIRST_TEST_SEED = 100_000
+"""Episodes from this seed on are for final tables only, those from 50000 to 59999 for every choice."""
+
+SETTINGS = ("original", "embodied", "best")
+"""What an arm may do and where it stands (`envs.arm.arms.SETTINGS`)."""
+
+ORACLE_METHODS = {"plain": "plain_oracle", "aware": "aware_oracle"}
+"""Scripted oracles (`envs.block_push.oracle`, `envs.block_push.aware_oracle`), and what stands in the column `method`
+of their episodes."""
+
+ORACLES = tuple(ORACLE_METHODS)
+
+ENTRY_NAME = r"[a-z0-9][a-z0-9_-]{0,39}"  # What an entry may be called.
+
+
+@dataclass(unsafe_hash=True)
+class RobotConfig:
+    """Which arm."""
+
+    name: str = "xarm6"
+    """One of the arms that are known, or custom."""
+    path: str = ""
+    """With robot=custom: URDF or MJCF (.xml) file of the arm."""
+    base: str = ""
+    """With robot=custom: the link or body that is fixed to the world; its frame is the base frame."""
+    end_effector: str = ""
+    """With robot=custom: the link, body or site whose +z is the approach direction."""
+
+    def __post_init__(self) -> None:
+        for name in ("path", "base", "end_effector"):
+            value, custom = getattr(self, name), self.name == "custom"
+            if custom and not value:
+                raise SettingError(
+                    f"robot=custom needs robot.{name}. Give all of: robot=custom robot.path=robot.urdf "
+                    "robot.base=<link> robot.end_effector=<link>."
+                )
+            if value and not custom:
+                raise SettingError(f"robot.{name}={value} goes with robot=custom. Here robot={self.name}.")
+
+    def load(self) -> "RobotDescription":
+        """Description of the arm.
+
+        Raises:
+            SettingError: If a custom arm lacks something.
+        """
+        from richmap.robots.custom import custom_robot
+        from richmap.robots.robots import load_robot
+
+        if self.name != "custom":
+            return load_robot(self.name)
+        try:
+            return custom_robot(self.path, self.base, self.end_effector)
+        except ValueError as error:
+            raise SettingError(f"robot=custom: {error}") from error
+
+
+@dataclass(unsafe_hash=True)
+class MapConfig:
+    """How finely a robot's workspace is divided, and when it counts as full."""
+
+    cell_size: float = 0.05
+    """Edge of a cubic cell (the paper's Delta), in m, above 0."""
+    theta: float = 0.1
+    """Least angle between two directions of a cell, in rad, above 0."""
+    half_width: float = 1.0
+    """The grid spans this far from the base along x and y, and up and down, in m, above 0."""
+    z_offset: float = 0.2
+    """How much the grid is raised against the base, in m."""
+    stop_rate: float = 0.02
+    """Building stops when a batch brings less than this fraction of new directions; between 0 and 1."""
+    target: int = 0
+    """Building stops at this many directions; 0 for no such target."""
+    draw: int = 4096
+    """Configurations that a worker draws at once; 1 or more."""
+    turns: int = 128
+    """Angles of joint 1 that each configuration is used at (orbit sampling); a power of two, 1 for plain sampling."""
+    device: str = "cpu"
+    """Where poses are compared with what is stored: cpu, or cuda (batched matrix products, as in the paper)."""
+    ground: float | None = None
+    """Height above the base frame's origin, in m, that no link that moves may be below; null for no ground."""
+    seed: int = 0
+    """Seed of the samples; a whole number >= 0."""
+
+    def __post_init__(self) -> None:
+        half_width = self.half_width
+        check_setting(0 < half_width <= 10, "map.half_width", half_width, "a number above 0 and at most 10")
+        check_setting(0 < self.cell_size <= half_width / 4, "map.cell_size", self.cell_size, "up to half_width / 4")
+        check_setting(0.02 <= self.theta <= 1, "map.theta", self.theta, "a number from 0.02 to 1")
+        check_setting(abs(self.z_offset) <= 10, "map.z_offset", self.z_offset, "a number from -10 to 10")
+        check_setting(self.seed >= 0, "map.seed", self.seed, "a whole number >= 0")
+        check_setting(0 < self.stop_rate < 1, "map.stop_rate", self.stop_rate, "a number between 0 and 1")
+        check_setting(self.target >= 0, "map.target", self.target, "a whole number >= 0")
+        check_setting(self.device in ("cpu", "cuda"), "map.device", self.device, "cpu, cuda")
+        check_setting(self.draw >= 1, "map.draw", self.draw, "a whole number >= 1")
+        check_setting(self.turns.bit_count() == 1 <= self.turns, "map.turns", self.turns, "a power of two")
+
+
+@dataclass(unsafe_hash=True)
+class EnergyConfig:
+    """How similarity becomes an energy field; what the paper leaves open."""
+
+    scales: int = 5
+    """Bandwidths of the kernel that compares directions (the paper's M), from 1 to 7."""
+    step: float = EnergySettings.step
+    """Energy per cell of distance from the similar region (the paper's delta), unitless; from 0 to 1."""
+    smoothing: float = EnergySettings.smoothing
+    """Standard deviation of the Gaussian filter, in cells; from 0 to 10."""
+    central_radius: float = EnergySettings.central_radius
+    """Cells nearer to the base axis than this are never seeds, in m; from 0 to 0.5."""
+    discrepancy: str = EnergySettings.discrepancy
+    """What cells are compared by: mmd or mmd2, its square."""
+    one_sided: str = EnergySettings.one_sided
+    """Cells that one arm fills: masked (no discrepancy) or counted (that from an empty set)."""
+    empty: str = EnergySettings.empty
+    """Cells without a discrepancy: unfilled or seed."""
+
+    def __post_init__(self) -> None:
+        check_setting(1 <= self.scales <= 7, "energy.scales", self.scales, "a whole number from 1 to 7")
+        for name, most in (("step", 1), ("smoothing", 10), ("central_radius", 0.5)):
+            value = getattr(self, name)
+            check_setting(0 <= value <= most, f"energy.{name}", value, f"a number from 0 to {most}")
+        for name, allowed in CHOICES.items():
+            check_setting(getattr(self, name) in allowed, f"energy.{name}", getattr(self, name), ", ".join(allowed))
+
+
+@dataclass
+class ArmConfig:
+    """Single choices of an arm's setting, where they are not to be the setting's."""
+
+    base: list[float] | None = None
+    """Position of the arm's base in the world (the xArm6's base frame), [x,y,z] in m; null for the setting's."""
+    wrist: str | None = None
+    """Branch of the wrist, out or in; null for the setting's."""
+    self_collision: bool | None = None
+    """Whether links collide with each other, true or false; null for the setting's."""
+    orientation_weight: float | None = None
+    """Weight of orientation against position in the inverse kinematics, in m/rad, above 0; null for the default."""
+
+    def __post_init__(self) -> None:
+        base, weight = self.base, self.orientation_weight
+        if base is not None:
+            near = len(base) == 3 and all(abs(x) <= 1 for x in base)
+            check_setting(near, "arm.base", base, "[x,y,z] in m, each from -1 to 1")
+        check_setting(self.wrist in (None, "out", "in"), "arm.wrist", self.wrist, "out, in, null")
+        if weight is not None:
+            check_setting(0 < weight < math.inf, "arm.orientation_weight", weight, "a number above 0")
+
+
+@dataclass(unsafe_hash=True)
+class WandbConfig:
+    """Whether runs are logged in Weights & Biases, and where."""
+
+    mode: str = "disabled"
+    """online, offline (kept on disk, for `wandb sync`) or disabled."""
+    project: str = "guided-push"
+    """Project that the runs go to."""
+    folder: str = "outputs"
+    """Folder that gets a folder `wandb`."""
+    group: str = ""
+    """What the runs belong to; empty for the sweep's folder, or else the output folder."""
+    video: bool = True
+    """Whether the first episode of an evaluation is logged as a GIF, true or false."""
+
+    def __post_init__(self) -> None:
+        modes = ("online", "offline", "disabled")
+        check_setting(self.mode in modes, "wandb.mode", self.mode, ", ".join(modes))
+        check_folder(self.folder, "wandb.folder")
+
+
+@dataclass
+class RunConfig:
+    """Rolls out the xArm6's policy on an arm, without guidance and with it, on the same episodes, and compares."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig, metadata={"choices": TASK_ARMS})
+    """Arm that acts: xarm6 (the source itself), ur3, ur5 or ur10."""
+    guidance_scale: float | None = 0.0
+    """Scale of the method, any number >= 0; 0 is direct transfer, null the one that benchmark.scales chose for this
+    arm, setting and method on validation episodes. paper, shuffled, flipped: how much of the energy's slope in 1/m is
+    added to the predicted noise in normalised action units (the paper's lambda). away, towards: the push in those
+    units; ring, feasibility: the same at the border. projection: how far inside, in m. best_of_n: number of samples, a
+    whole number. chunk: descent of the normalised actions per unit of slope. reorder: how far inside a push must keep
+    the tool to be made first, in m."""
+    method: str = "paper"
+    """Guidance: paper (against the slope of the energy of similarity), shuffled (that slope turned at random in each
+    cell), flipped (along it), away and towards (constant, from the base or to it), ring (back between two distances
+    from the base), feasibility (from the border of what the arm can hold), projection (commands moved inside that
+    border), best_of_n_energy and best_of_n_feasibility (the best of lambda samples), chunk and chunk_feasibility (down
+    the slope along the whole chunk), reorder (what the arm cannot push is left for later), or direct (none)."""
+    episodes: int = 50
+    """Number of episodes per lambda; a whole number >= 1."""
+    recipe: str = USUAL
+    """What the policy learned from: robust (episodes most of which are disturbed on purpose) or clean (undisturbed
+    episodes alone, as in the paper), both of which ship, or pair (see benchmark.source_policies)."""
+    seed: int = 42
+    """Training seed of the policy, a whole number >= 0."""
+    checkpoint: int = 1
+    """Which of that seed's checkpoints, by rank on the validation episodes, from 1: seed<seed>-<checkpoint>, of other
+    recipes than robust with the recipe's name before that; the one that ships, or else the one that
+    benchmark.source_policies or benchmark.train left in outputs."""
+    policy: str = ""
+    """Folder of a LeRobot checkpoint to run instead, of any type that needs no pictures; empty for the one that recipe,
+    seed and checkpoint pick. One that is not of type guided_push samples as it was saved (not by sampler), and only
+    with lambda=0."""
+    setting: str = "embodied"
+    """What the arm may do: embodied (joint limits and self-collision bind, wrist branch per arm) or original (neither
+    binds, wrist-out, as where only the arm is swapped in the original task) or best (as embodied, base and wrist where
+    benchmark.studies.place_bases finds the arm to reach the most)."""
+    scales_dir: str = "results/scales"
+    """With lambda=null: the folder that benchmark.scales wrote its episodes to."""
+    output_dir: str = "results"
+    """Folder that results go to, such as episodes.parquet."""
+    device: str = "auto"
+    """Where the policy runs: cpu, cuda, or auto (cuda if there is one)."""
+    seed_start: int = FIRST_TEST_SEED
+    """Seed of the first episode; from 100000 on are test episodes, from 50000 on validation episodes."""
+    sampler: str = "DDIM"
+    """Sampler of the diffusion policy: DDIM or DDPM."""
+    sampling_steps: int = 10
+    """Denoising steps per action chunk; a whole number from 1 to 100."""
+    slots: int = 10
+    """Rows of the batch in which the policy is evaluated; an episode's row and this number are stored with it, since
+    float results depend on the batch's shape. A whole number >= 1."""
+    workers: int = 2
+    """Processes that roll out or sample; results do not depend on it. A whole number >= 1."""
+    arm: ArmConfig = field(default_factory=ArmConfig)
+    map: MapConfig = field(default_factory=MapConfig)
+    energy: EnergyConfig = field(default_factory=EnergyConfig)
+    wandb: WandbConfig = field(default_factory=WandbConfig)
+
+    def __post_init__(self) -> None:
+        check_setting(self.robot.name in TASK_ARMS, "robot", self.robot.name, ", ".join(TASK_ARMS))
+        scale = self.guidance_scale
+        check_setting(self.method in METHODS, "method", self.method, ", ".join(METHODS))
+        if scale is not None:
+            check_setting(math.isfinite(scale) and scale >= 0, "lambda", scale, "any number >= 0, or null")
+            check_setting(scale == 0 or self.method != "direct", "lambda", scale, "0 with method=direct")
+        if scale is not None and METHODS[self.method].counts:
+            check_setting(scale == int(scale), "lambda", scale, f"a whole number of samples with method={self.method}")
+        for name in ("episodes", "slots", "workers"):
+            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
+        check_setting(self.checkpoint >= 1, "checkpoint", self.checkpoint, "a whole number >= 1")
+        check_recipe(self.recipe)
+        covered = scale == 0 or self.map.half_width >= 0.8
+        check_setting(covered, "map.half_width", self.map.half_width, "0.8 or more, so that the field covers the table")
+        check_seeds(self.seed_start, self.episodes)
+        check_folder(self.output_dir)
+        check_setting(self.setting in SETTINGS, "setting", self.setting, ", ".join(SETTINGS))
+        check_setting(self.device in ("cpu", "cuda", "auto"), "device", self.device, "cpu, cuda, auto")
+        check_setting(self.sampler in ("DDIM", "DDPM"), "sampler", self.sampler, "DDIM, DDPM")
+        steps = self.sampling_steps
+        check_setting(1 <= steps <= 100, "sampling_steps", steps, "a whole number from 1 to 100")
+
+
+@dataclass
+class OracleConfig:
+    """Rolls out the scripted oracle on an arm: what the task allows there without a learned policy."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig, metadata={"choices": TASK_ARMS})
+    """Arm: xarm6, ur3, ur5 or ur10."""
+    setting: str = "embodied"
+    """What the arm may do: original, embodied or best (see benchmark.run)."""
+    oracle: str = "plain"
+    """Which oracle: plain (the original's, blind to the arm) or aware (pushes from where the arm can be; its score is
+    the arm's ceiling)."""
+    episodes: int = 300
+    """Number of episodes; a whole number >= 1."""
+    seed_start: int = 50_000
+    """Seed of the first episode."""
+    output_dir: str = "outputs/oracle"
+    """Folder of <robot>-<setting>/episodes.parquet (with what of the arm is changed, as ur10-embodied-wrist_out)."""
+    workers: int = 2
+    """Processes that roll out; results do not depend on it. A whole number >= 1."""
+    arm: ArmConfig = field(default_factory=ArmConfig)
+
+    def __post_init__(self) -> None:
+        check_setting(self.robot.name in TASK_ARMS, "robot", self.robot.name, ", ".join(TASK_ARMS))
+        for name in ("episodes", "workers"):
+            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_seeds(self.seed_start, self.episodes)
+        check_folder(self.output_dir)
+        check_setting(self.oracle in ORACLES, "oracle", self.oracle, ", ".join(ORACLES))
+        check_setting(self.setting in SETTINGS, "setting", self.setting, ", ".join(SETTINGS))
+
+
+@dataclass
+class FractionMapConfig:
+    """How finely a map of fractions divides the turned workspace."""
+
+    cell_size: float = 0.04
+    """Edge of a cell, in m, from 0.01 to 0.2."""
+    angles: int = 48
+    """Cells along the angle between approach direction and vertical; from 4 to 180."""
+    samples: int = 20_000_000
+    """Configurations drawn to begin with; a whole number >= 1000."""
+
+    def __post_init__(self) -> None:
+        check_setting(0.01 <= self.cell_size <= 0.2, "fraction.cell_size", self.cell_size, "a number from 0.01 to 0.2")
+        check_setting(4 <= self.angles <= 180, "fraction.angles", self.angles, "a whole number from 4 to 180")
+        check_setting(self.samples >= 1000, "fraction.samples", self.samples, "a whole number >= 1000")
+
+
+@dataclass
+class VerifyMapsConfig:
+    """Scores an arm's maps on poses that inverse kinematics has labelled, beside the paper's figures."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom; its rows replace older ones in the tables."""
+    poses: int = 200_000
+    """Poses of each test set; a larger number adds to those that are in the cache. A whole number >= 100."""
+    checked: int = 5_000
+    """Poses of each test set whose labels are checked with ten times the effort; a whole number >= 100."""
+    workers: int = 2
+    """Processes that label and sample; results do not depend on it. A whole number >= 1."""
+    output_dir: str = "results"
+    """Folder of verify_maps.parquet, verify_labels.parquet and verify_maps.md."""
+    maps: list[str] = field(default_factory=lambda: ["richmap", "fraction", "rm4d", "capability_map"])
+    """Which maps, as in maps=[richmap,fraction]."""
+    fraction: FractionMapConfig = field(default_factory=FractionMapConfig)
+    map: MapConfig = field(default_factory=lambda: MapConfig(stop_rate=0.01))
+    """The map of directions; its z_offset is the paper's for the arm, whatever is set."""
+
+    def __post_init__(self) -> None:
+        for name, least in (("poses", 100), ("checked", 100), ("workers", 1)):
+            check_setting(getattr(self, name) >= least, name, getattr(self, name), f"a whole number >= {least}")
+        check_folder(self.output_dir)
+
+
+@dataclass
+class EntryConfig:
+    """What somebody else's entry says of itself in its `entry.yaml`; paths are relative to its folder."""
+
+    name: str = ""
+    """Name of the method in tables: small letters, digits, - and _."""
+    author: str = ""
+    """Who made it."""
+    description: str = ""
+    """What it does, in a line."""
+    policy: str = ""
+    """Folder of a LeRobot checkpoint of any type that needs no pictures; empty for our policies."""
+    guidance: str = ""
+    """Subclass of policies.guidance.Guidance, as in guidance.py:MyGuidance; empty for none."""
+    field: str = "none"
+    """Field that the class is made with: energy (of similarity to the source), feasibility (signed distance to the
+    border of what the arm can hold, in m) or none."""
+    scale: float = 0.0
+    """Scale that the class is made with, in its own unit."""
+
+    def __post_init__(self) -> None:
+        taken = [*METHODS, *ORACLE_METHODS.values()]
+        named = re.fullmatch(ENTRY_NAME, self.name) and self.name not in taken
+        check_setting(bool(named), "name", self.name, f"a-z, 0-9, - and _, up to 40, and none of {', '.join(taken)}")
+        for name in ("author", "description"):
+            value = getattr(self, name)
+            check_setting(value.strip() and value.isprintable(), name, value, "one line of text")
+        check_setting(self.policy or self.guidance, "policy", self.policy, "a folder, unless there is guidance")
+        form = not self.guidance or re.fullmatch(r".+\.py:\w+", self.guidance)
+        check_setting(bool(form), "guidance", self.guidance, "a file and its class, as in guidance.py:MyGuidance")
+        check_setting(self.field in ("energy", "feasibility", "none"), "field", self.field, "energy, feasibility, none")
+        check_setting(math.isfinite(self.scale), "scale", self.scale, "a number")
+
+
+def check_targets(robots: list[str]) -> None:
+    """Raise `SettingError` unless these are arms that a policy can be transferred to, one or more."""
+    for name in robots or [None]:
+        check_setting(name in TASK_ARMS[1:], "robots", name, ", ".join(TASK_ARMS[1:]))
+
+
+def check_seeds(first: int, count: int) -> None:
+    """NumPy's legacy generator, which draws the scenes, takes 32-bit seeds."""
+    check_setting(0 <= first <= 2**32 - count, "seed_start", first, "a whole number from 0 to 2^32 - episodes")
+
+
+def check_folder(folder: str, setting: str = "output_dir") -> None:
+    """Raise `SettingError` unless the folder, or the one to make it in, can be written to."""
+    existing = next(path for path in [Path(folder), *Path(folder).absolute().parents] if path.exists())
+    usable = existing.is_dir() and os.access(existing, os.W_OK)
+    check_setting(usable, setting, folder, f"a folder that can be written to; {existing} cannot")

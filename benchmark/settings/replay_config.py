@@ -1,0 +1,35 @@
+"""Settings of `benchmark.replay`."""
+
+from dataclasses import dataclass, field
+
+from benchmark.settings.command import check_setting
+from benchmark.settings.config import EnergyConfig, MapConfig
+
+
+@dataclass
+class ReplayConfig:
+    """Replays stored rows, each alone, and compares every column to the last bit."""
+
+    table: str = "results"
+    """A table of episodes, or a folder: every episodes.parquet under it."""
+    row: str = ""
+    """The row's row_hash, or its first digits, 8 or more."""
+    number: int = -1
+    """The row's number in the table, from 0, instead; -1 for none."""
+    random: int = 0
+    """How many rows instead, drawn at random from those that were rounded as here; a whole number >= 0."""
+    seed: int = 0
+    """Seed of the draw; a whole number >= 0."""
+    policy: str = ""
+    """Folder of the row's policy, where it is none of ours; empty to look for its weights among ours."""
+    entry: str = ""
+    """Folder of the entry that the row is of (see benchmark.enter); empty for a row of our own methods."""
+    workers: int = 2
+    """Processes that sample where a map is to be built; a whole number >= 1."""
+    map: MapConfig = field(default_factory=MapConfig)
+    energy: EnergyConfig = field(default_factory=EnergyConfig)
+
+    def __post_init__(self) -> None:
+        check_setting(not self.row or len(self.row) >= 8, "row", self.row, "8 or more digits of a row_hash")
+        check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")

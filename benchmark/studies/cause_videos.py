@@ -1,0 +1,160 @@
+"""A moving picture of each cause of failure, of an episode that is stored.
+
+python -m benchmark.studies.cause_videos
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from benchmark.artifacts.outputs import replacing
+from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.config import ORACLE_METHODS, TASK_ARMS, RunConfig, check_folder
+from benchmark.settings.recipe import SHIPPED
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import pandas as pd
+
+    from benchmark.rollouts.rollout import Rollout
+
+
+TRIED = 3
+"""Rows of a cause that are tried, where they were rounded otherwise than here."""
+
+
+@dataclass
+class CauseVideosConfig:
+    """Replays one stored episode of each cause of failure and shows it, to read the causes against."""
+
+    episodes: str = "results"
+    """Folder under which episodes.parquet are read, of all seeds."""
+    output_dir: str = "results"
+    """Folder of causes.md; the pictures go to its folder figures/causes."""
+    workers: int = 2
+    """Processes that sample for maps that are not in the cache. A whole number >= 1."""
+
+    def __post_init__(self) -> None:
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        check_folder(self.output_dir)
+
+
+def main(config: CauseVideosConfig) -> None:
+    """Replay an episode of each cause that stored rows have, and write pictures and a table."""
+    import pandas as pd
+    from rich.console import Console
+
+    from benchmark.artifacts.known_policies import shipped
+    from benchmark.episodes.code_version import code_version
+    from benchmark.episodes.trusted_rows import read_trusted
+    from benchmark.rollouts.row_rollout import row_rollout, stored_otherwise
+    from benchmark.settings.replay_config import ReplayConfig
+
+    console, output_dir = Console(), Path(config.output_dir)
+    files = sorted(Path(config.episodes).rglob("episodes.parquet"))
+    tables = [table for file in files if len(table := read_trusted(file))]
+    unknown = pd.Series(dtype="string")  # Of a table of before rows said how they were rounded.
+    tables = [table.assign(arithmetic=table.get("arithmetic", unknown)) for table in tables]
+    failed = pd.concat([table[table.failure_cause.notna()] for table in tables], ignore_index=True) if tables else []
+    failed = failed[~failed.method.isin(ORACLE_METHODS.values())] if len(failed) else failed
+    if not len(failed):
+        raise SettingError(f"{config.episodes} holds no failed episodes. Make some: python -m benchmark.run robot=ur3")
+    tried, shown = examples(failed, code_version(), set().union(*map(shipped, SHIPPED))), []
+    for cause, rows in tried.groupby("failure_cause", sort=False):
+        file = output_dir / "figures" / "causes" / f"{cause}.webp"
+        for row in rows.to_dict("records"):
+            rollout = row_rollout(row, ReplayConfig(table=config.episodes, workers=config.workers), console)
+            try:
+                film(rollout, row, file, config.episodes)
+            except SettingError as error:
+                if not stored_otherwise(row):
+                    raise
+                console.print(f"{cause}: {error}", soft_wrap=True)
+                continue
+            console.print(str(file), soft_wrap=True)
+            shown.append(row)
+            break
+    with replacing(output_dir / "causes.md") as path:
+        path.write_text(markdown(shown, failed.failure_cause.value_counts()))
+    console.print(f"Table: {output_dir / 'causes.md'}", soft_wrap=True)
+
+
+def film(rollout: "Rollout", row: "Mapping[str, Any]", file: Path, table: str) -> None:
+    """Play the episode of a row of this table and write it as a moving picture.
+
+    Raises:
+        SettingError: If it then fails by something else, or not at all; nothing is written.
+    """
+    from benchmark.episodes.table import row_name
+    from benchmark.rollouts.video import record
+
+    with replacing(file) as path:
+        outcome = record(rollout, row["episode_seed"], path).outcome
+        if outcome.failure_cause != row["failure_cause"]:
+            raise SettingError(
+                f"{row_name(row)} failed by {row['failure_cause']} and, replayed, by {outcome.failure_cause}. See what "
+                f"else differs: python -m benchmark.replay table={table} row={row['row_hash']}"
+            )
+
+
+def examples(failed: "pd.DataFrame", code: str, policies: set[str]) -> "pd.DataFrame":
+    """One row for each cause that there is, of this version of the code, of our own methods and of these policies; some
+    for a cause of which all may not replay.
+
+    Rows that were rounded otherwise than here, or do not say how, come last, since they may not replay, and of each
+    kind episodes with fewer denoising steps than the default; direct transfer comes before guidance, the UR3 before
+    the other targets and these before the source; then seeds.
+    """
+    from benchmark.episodes.arithmetic import arithmetic
+
+    ours = failed[(failed.code_version == code) & (failed.entry_hash == "") & failed.checkpoint_hash.isin(policies)]
+    order = ours.assign(
+        rounded_otherwise=ours.arithmetic.fillna("") != arithmetic(),
+        rushed=ours.sampling_steps < RunConfig().sampling_steps,
+        guided=ours["lambda"] > 0,
+        arm=ours.robot.map([*TASK_ARMS[1:], TASK_ARMS[0]].index),
+    )
+    order = order.sort_values(["rounded_otherwise", "rushed", "guided", "arm", "episode_seed", "row_hash"])
+    place = order.groupby("failure_cause", sort=False).cumcount()
+    best = order.rounded_otherwise.groupby(order.failure_cause).transform("first")
+    return ours.loc[order.index[place < np.where(best, TRIED, 1)]]
+
+
+TEXT = """# Causes of failure, each seen
+
+Made by `python -m benchmark.studies.cause_videos`: one stored episode of each cause, replayed, at twice the speed. The
+rules are in the README and in `envs/failure.py`. *Stored*: failed episodes by this cause under `results/`, of all arms,
+methods and seeds, also of scales and policies that were tried and not chosen. Any row replays alone: `python -m
+benchmark.replay table=results row=<row>`.
+
+No stored episode of a policy failed, and fails when it is replayed here, by: {missing} (the scripted oracles' may:
+`python -m benchmark.studies.arms`).
+
+| cause | stored | the episode that is shown | |
+|---|---|---|---|
+{rows}
+"""
+
+
+def markdown(shown: "list[dict[str, Any]]", stored: "pd.Series") -> str:
+    """The document, with these rows and how many of each cause are stored."""
+    from envs.block_push.failure import CAUSES
+
+    by_cause = {row["failure_cause"]: row for row in shown}
+    rows = [
+        f"| `{cause}` | {stored[cause]} | {row['robot']}, {row['setting']}, {row['method']}, λ {row['lambda']:g}, "
+        f"policy {row['checkpoint']}, {row['sampler']} with {row['sampling_steps']} steps, seed {row['episode_seed']}, "
+        f"length {row['length']}; row `{row['row_hash'][:12]}` "
+        f"| ![{cause}](figures/causes/{cause}.webp) |"
+        for cause in CAUSES
+        if (row := by_cause.get(cause))
+    ]
+    missing = ", ".join(f"`{cause}`" for cause in CAUSES if cause not in by_cause) or "none"
+    return TEXT.format(rows="\n".join(rows), missing=missing)
+
+
+if __name__ == "__main__":
+    run_command(main, CauseVideosConfig, "cause_videos")

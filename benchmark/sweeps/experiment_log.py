@@ -1,0 +1,183 @@
+"""Experiments in Weights & Biases: online, kept on disk, or not at all.
+
+Artifacts make one chain: two maps -> energy field -> evaluation <- checkpoint <- validation. A map is logged as a small
+description: from its settings `benchmark.build_maps` builds the same file again, byte for byte.
+"""
+
+import json
+from collections.abc import Iterable
+from dataclasses import asdict
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from benchmark.artifacts.wandb_run import _checkpoint, _use, start_experiment
+from benchmark.settings.config import SETTINGS, MapConfig, RunConfig, WandbConfig
+from policies.methods import METHODS
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import wandb
+
+    from benchmark.rollouts.rollout import Rollout
+    from envs.arm.arms import ArmSetting
+    from richmap.maps.reachability_map import ReachabilityMap
+
+
+def log_field(config: RunConfig, rollout: "Rollout", group: str) -> None:
+    """The field that guidance looks at as a W&B run, once in a process: it uses the maps, and makes the field."""
+    if config.wandb.mode == "disabled" or rollout.field is None:
+        return
+    from benchmark.episodes.arm import chosen_arm
+
+    kind = METHODS[rollout.condition.method].field
+    _log_field(kind, chosen_arm(config), config.map, config.workers, rollout.field, config.wandb, group)
+
+
+@cache
+def _log_field(
+    kind: str, arm: "ArmSetting", of_map: MapConfig, workers: int, field: Path, config: WandbConfig, group: str
+) -> None:
+    from rich.console import Console
+
+    from benchmark.artifacts.maps import compared_maps
+    from richmap.robots.robots import load_robot
+
+    maps = ()
+    if kind == "energy":
+        maps = compared_maps(load_robot(arm.robot), arm.base, of_map, workers, Console(quiet=True))
+    about = {"field": kind, "robot": arm.robot, "base": arm.base, "map": asdict(of_map)}
+    with start_experiment(config, f"{kind} field, {arm.robot}", group, "field", about) as run:
+        for reachability_map in maps:
+            _use(run, _map(reachability_map))
+        run.log_artifact(_field(field))
+
+
+def log_evaluation(config: RunConfig, rollout: "Rollout", episodes: "pd.DataFrame", group: str) -> None:
+    """One rollout as a W&B run: settings, every episode, scores with intervals over lambda, causes, what it used.
+
+    Args:
+        config: Settings of the run; its lambda and method need not be the rollout's.
+        rollout: What was rolled out.
+        episodes: Rows of the episodes table, all of this rollout.
+        group: What the run belongs to, if the settings do not say.
+    """
+    if config.wandb.mode == "disabled":
+        return
+    import wandb
+
+    from benchmark.episodes.table import plain
+    from benchmark.scoring.scores import figures
+
+    condition = {name: plain(value) for name, value in rollout.condition.row().items()}
+    settings = asdict(config) | condition
+    del settings["guidance_scale"]  # It is called lambda.
+    name = "{robot}-{setting}-{method}-{lambda:g}-{checkpoint}".format_map(condition)
+    columns = [name for name in episodes if name not in ("path_x", "path_y")]
+    cells = [[plain(value) for value in row] for row in episodes[columns].to_numpy(object)]
+    point = {"lambda": condition["lambda"], **figures(episodes)}
+    failed = {f"failed/{cause}": count for cause, count in point.pop("causes").items()}
+    with start_experiment(config.wandb, name, group, "evaluation", settings) as run:
+        _use(run, _checkpoint(rollout.checkpoint))
+        if rollout.field:
+            _use(run, _field(rollout.field))
+        run.define_metric("*", step_metric="lambda")
+        run.log(point | failed | {"episodes": wandb.Table(columns, cells)})
+        if config.wandb.video:
+            _log_video(run, rollout, int(episodes.episode_seed.min()))
+
+
+def log_curves(config: WandbConfig, tables: "Iterable[pd.DataFrame]", group: str) -> None:
+    """Scores over lambda, of all policies together, as one W&B run for each arm, setting and method.
+
+    Intervals hold for other trainings and other episodes, as on the leaderboard.
+
+    Args:
+        config: Whether and where to log.
+        tables: Rows of the episodes table, of any conditions.
+        group: What the runs belong to, if the settings do not say.
+    """
+    if config.mode == "disabled" or not (stored := [table for table in tables if len(table)]):
+        return
+    import pandas as pd
+
+    from benchmark.episodes.arm import ARM
+    from benchmark.scoring.ranking import SAMPLING, Protocol, leaderboard
+    from benchmark.scoring.scores import SCORES
+
+    alike = [*ARM, *SAMPLING, "code_version"]
+    episodes = pd.concat(stored, ignore_index=True)
+    by_hash = episodes.assign(checkpoint=episodes.checkpoint_hash)  # Two policies may go by one name.
+    seeds, policies = episodes.episode_seed.nunique(), by_hash.checkpoint.nunique()
+    slots = episodes.batch_shape.iloc[0]  # Those of other batches are other curves.
+    protocol = Protocol("sweep", SETTINGS, seeds, slots, policies, tuple(SCORES), best_only=False)
+    points = leaderboard(by_hash, protocol)
+    shown = [f"{score}{end}" for score in SCORES for end in ("", "_low", "_high", "_difference")]
+    guided = points[points.method != "direct"]
+    for _, curve in guided.groupby([*alike, "method", "field_fingerprint", "entry_hash"], sort=False):
+        first = curve.iloc[0]
+        unguided = points[(points.method == "direct") & (points[alike] == first[alike]).all(axis=1)]
+        name = f"{first.robot}-{first.setting}-{first.method}"
+        with start_experiment(config, name, group, "curve", first[[*alike, "method"]].to_dict()) as run:
+            run.define_metric("curve/*", step_metric="lambda")
+            for part in (unguided, curve.sort_values("lambda")):
+                for _, row in part[["n", *shown]].add_prefix("curve/").assign(**{"lambda": part["lambda"]}).iterrows():
+                    run.log(row.dropna().to_dict())  # Direct transfer has no difference to itself.
+
+
+def _log_video(run: "wandb.Run", rollout: "Rollout", seed: int) -> None:
+    """One episode as a GIF; a line that says why not, where nothing can be drawn."""
+    import wandb
+
+    from benchmark.rollouts.video import record
+
+    with TemporaryDirectory() as folder:
+        file = Path(folder, f"{seed}.gif")
+        try:
+            record(rollout, seed, file)
+        except Exception as error:  # Whatever the graphics driver of this machine raises.
+            print(f"W&B: no video of episode {seed}. {type(error).__name__}: {' '.join(str(error).split())}")
+            return
+        run.log({"video": wandb.Video(str(file), format="gif")})
+
+
+def _field(file: Path) -> "wandb.Artifact":
+    """A field's file; like a checkpoint's it is not copied."""
+    import wandb
+
+    from richmap.similarity.energy import EnergyField
+
+    about = EnergyField.load(file).about
+    artifact = wandb.Artifact(f"field-{about['target']}-{about['fingerprint'][:12]}", type="field", metadata=about)
+    artifact.add_file(str(file.resolve()), policy="immutable", skip_cache=True)
+    return artifact
+
+
+def _map(reachability_map: "ReachabilityMap") -> "wandb.Artifact":
+    """What a map holds and how it was built, in place of its hundreds of megabytes."""
+    import wandb
+
+    built = reachability_map.construction
+    about = {
+        "content_hash": reachability_map.content_hash,
+        "robot": built.robot,
+        "robot_fingerprint": built.robot_fingerprint,
+        "theta": built.theta,
+        "grid": asdict(reachability_map.grid),
+        "directions": reachability_map.inserted,
+        "occupancy": reachability_map.occupancy,
+        "construction": asdict(built),
+    }
+    artifact = wandb.Artifact(
+        f"map-{built.robot}-{reachability_map.content_hash[:12]}",
+        type="reachability-map",
+        description="How a reachability map was built; python -m benchmark.build_maps with these settings builds the "
+        "same map again, byte for byte.",
+        metadata=about,
+    )
+    with TemporaryDirectory() as folder:
+        file = Path(folder, "map.json")
+        file.write_text(json.dumps(about, indent=2))
+        artifact.add_file(str(file))  # Copied: the file of `Artifact.new_file` goes away with this process.
+    return artifact

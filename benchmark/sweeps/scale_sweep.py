@@ -1,0 +1,226 @@
+"""Scale sweep."""
+
+from dataclasses import dataclass, field, fields, replace
+from functools import cache
+from pathlib import Path
+from statistics import mean
+from typing import TYPE_CHECKING
+
+from benchmark.scoring.scale_table import CHOSEN_FOR
+from benchmark.settings.command import check_setting
+from benchmark.settings.config import TASK_ARMS, ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig
+from benchmark.settings.recipe import USUAL
+from benchmark.sweeps.chosen_scale import arm_folder, read_methods
+from policies.methods import METHODS, MOST_SAMPLES, scales
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.console import Console
+
+    from benchmark.rollouts.rollout import Rollout
+    from richmap.similarity.energy import EnergyField
+
+
+COLLAPSE = 0.5
+"""A method's sweep ends when its p2 falls below this part of direct transfer's."""
+
+
+EPISODE_SECONDS = 0.3
+"""About what an episode on a UR3, where many last long, takes on one core; for the budget."""
+
+
+@dataclass
+class ScalesConfig:
+    """Sweeps the scale of each method of guidance on an arm, on validation episodes and up to collapse."""
+
+    robot: RobotConfig = field(default_factory=RobotConfig, metadata={"choices": TASK_ARMS})
+    """Arm that acts: ur3, ur5, ur10 or xarm6."""
+    methods: list[str] = field(default_factory=lambda: [name for name in METHODS if name != "direct"])
+    """Methods, as in methods=[paper,towards] (see benchmark.run)."""
+    points: int = 9
+    """Most scales of a method, each twice the one before; it ends sooner when the policy collapses. From 1 to 16."""
+    seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
+    """Training seeds, whole numbers >= 0; one checkpoint of each is rolled out."""
+    recipe: str = USUAL
+    """What the policies learned from (see benchmark.run)."""
+    checkpoint: int = 1
+    """Which of each seed's checkpoints, by rank on the validation episodes, from 1."""
+    episodes: int = 50
+    """Number of episodes per scale and checkpoint; a whole number >= 1. The same ones for all."""
+    seed_start: int = 50_000
+    """Seed of the first episode: choices are made on validation episodes, 50000 to 59999."""
+    setting: str = "embodied"
+    """What the arm may do (see benchmark.run)."""
+    output_dir: str = "results/scales"
+    """In its folder <recipe>/<arm>-<setting> (with what of the arm is changed, as ur10-embodied-wrist_out): scales.md,
+    figures, and each method's episodes.parquet in a folder."""
+    device: str = "auto"
+    """Where the policy runs: cpu, cuda, or auto (cuda if there is one)."""
+    sampler: str = "DDIM"
+    """Sampler of the diffusion policy: DDIM or DDPM."""
+    sampling_steps: int = 10
+    """Denoising steps per action chunk; a whole number from 1 to 100."""
+    slots: int = 50
+    """Rows of the batch in which the policy is evaluated (see benchmark.run); a whole number >= 1."""
+    workers: int = 2
+    """Processes that roll out or sample; results do not depend on it. A whole number >= 1."""
+    arm: ArmConfig = field(default_factory=ArmConfig)
+    map: MapConfig = field(default_factory=MapConfig)
+    energy: EnergyConfig = field(default_factory=EnergyConfig)
+
+    def __post_init__(self) -> None:
+        for name in self.methods or [None]:
+            check_setting(name in METHODS and name != "direct", "methods", name, ", ".join([*METHODS][1:]))
+        check_setting(1 <= self.points <= 16, "points", self.points, "a whole number from 1 to 16")
+        check_setting(bool(self.seeds), "seeds", self.seeds, "one or more whole numbers")
+        validation = 50_000 <= self.seed_start <= 60_000 - self.episodes
+        check_setting(validation, "seed_start", self.seed_start, "from 50000 to 60000 - episodes, validation episodes")
+        for seed in self.seeds:
+            self.run(seed)
+
+    @property
+    def folder(self) -> Path:
+        """Of the recipe's policies on the arm."""
+        return arm_folder(self.output_dir, self.run(self.seeds[0]))
+
+    def run(self, seed: int) -> RunConfig:
+        """Settings of direct transfer with the policy of one training seed."""
+        names = {each.name for each in fields(RunConfig)} - {"seed"}
+        return RunConfig(**{name: value for name, value in vars(self).items() if name in names}, seed=seed)
+
+
+def budget(config: ScalesConfig) -> str:
+    """What the sweep costs at most."""
+    points = 1 + sum(len(scales(method, config.points)) for method in config.methods)
+    episodes = points * len(config.seeds) * config.episodes
+    hours = episodes * EPISODE_SECONDS / config.workers / 3600
+    return (
+        f"At most {points} points (direct transfer and {len(config.methods)} methods) x {len(config.seeds)} "
+        f"checkpoints x {config.episodes} episodes = {episodes} episodes; at about {EPISODE_SECONDS:g} s each on "
+        f"{config.workers} workers {hours:.1f} hours. Stored ones are kept; a method ends where it collapses."
+    )
+
+
+def method_fields(config: ScalesConfig, console: "Console") -> "dict[str, tuple[EnergyField | None, Path | None]]":
+    """The field that each method looks at, and its file; those of one kind are built once."""
+    from benchmark.episodes.arm import chosen_arm
+    from benchmark.rollouts.make_rollout import guidance_field
+    from policies.methods import METHODS
+
+    run = config.run(config.seeds[0])
+    arm = chosen_arm(run)
+    of_kind = cache(lambda kind: guidance_field(kind, arm, run, console))
+    return {method: of_kind(METHODS[method].field) for method in config.methods}
+
+
+def guided(direct: "Rollout", method: str, scale: float, field: "EnergyField | None", path: Path | None) -> "Rollout":
+    """The same rollout with guidance."""
+    condition = replace(direct.condition, method=method, guidance_scale=scale)
+    if field is not None:
+        fingerprint, cell_size = field.about["fingerprint"], field.grid.cell_size
+        condition = replace(condition, field_fingerprint=fingerprint, cell_size=cell_size)
+    return replace(direct, field=path, condition=condition)
+
+
+def sweep(
+    config: ScalesConfig,
+    direct: "list[Rollout]",
+    fields: "dict[str, tuple[EnergyField | None, Path | None]]",
+    console: "Console",
+) -> "pd.DataFrame":
+    """Direct transfer and then level by level the next scale of every method that has not collapsed.
+
+    Returns:
+        These episodes of all methods in the arm's folder, as far as this version of the code produced them.
+    """
+    reference = run_points({"direct": direct}, config, "Direct transfer", console)["direct"]
+    going = {method: scales(method, config.points) for method in config.methods}
+    for level in range(config.points):
+        points = {
+            method: [guided(rollout, method, values[level], *fields[method]) for rollout in direct]
+            for method, values in going.items()
+            if level < len(values)
+        }
+        rates = run_points(points, config, f"Scale {level + 1} of at most {config.points}", console)
+        going = {method: going[method] for method, rate in rates.items() if rate >= COLLAPSE * reference}
+    return read_methods(config.folder, episode_seeds(config))
+
+
+def episode_seeds(config: ScalesConfig) -> range:
+    """The episodes of every point."""
+    return range(config.seed_start, config.seed_start + config.episodes)
+
+
+def run_points(
+    points: "dict[str, list[Rollout]]", config: ScalesConfig, name: str, console: "Console"
+) -> dict[str, float]:
+    """Roll out what is not stored of some methods, each with all checkpoints, and give their p2."""
+    from benchmark.rollouts.field_settings import note_settings
+    from benchmark.rollouts.missing_episodes import run_missing
+    from benchmark.rollouts.rollout import roll_out_all
+
+    for method, group in points.items():
+        note_settings(config.folder / method, group, config.run(config.seeds[0]))
+    rollouts = [rollout for group in points.values() for rollout in group]
+    tables = run_missing(
+        [rollout.condition for rollout in rollouts],
+        episode_seeds(config),
+        lambda condition: config.folder / condition.method,
+        lambda missing: roll_out_all(zip(rollouts, missing, strict=True), config.workers),
+        name,
+        console,
+    )
+    p2_of = {rollout: table.p2.mean() for rollout, table in zip(rollouts, tables, strict=True)}
+    return {method: mean(p2_of[rollout] for rollout in group) for method, group in points.items()}
+
+
+def shown(table: "pd.DataFrame") -> "pd.DataFrame":
+    """The columns for people, in percent and points."""
+    import pandas as pd
+
+    from benchmark.scoring.guidance_figures import method_and_cells
+    from benchmark.scoring.scores import difference_text, with_interval
+
+    def points(row: "pd.Series", name: str) -> str:
+        return "" if row.method == "direct" else difference_text(row, f"{name}_difference")
+
+    rows = [row for _, row in table.iterrows()]
+    return pd.DataFrame(
+        {
+            "method": [method_and_cells(row) for row in rows],
+            "λ": [f"{row['lambda']:g}" for row in rows],
+            "n": [row.n for row in rows],
+            **{name: [with_interval(row, name) for row in rows] for name in ("p2", "score")},
+            **{f"{name} - direct": [points(row, name) for row in rows] for name in ("p2", "score")},
+        }
+    )
+
+
+TEXT = """# The scale of each method of guidance
+
+Validation episodes, the same for all; percent, with 95 % intervals for other trainings and other episodes, and paired
+differences to direct transfer in points. Made by `python -m benchmark.scales robot=…`. Each method's λ was doubled
+until its p2 fell below half of direct transfer's, or as often as was asked (nine scales by default; methods that
+choose among samples end at {most} of them); the chosen one has the best p2, of equal ones it is the smallest. Being
+the best of several on these episodes, its p2 here is too high: final figures come from other episodes.
+
+{units}"""
+
+
+def markdown(table: "pd.DataFrame") -> str:
+    """The tables for people, an arm after the other."""
+    from benchmark.episodes.arm import setting_text
+
+    units = "\n".join(f"- `{name}`: λ is {method.scale}." for name, method in METHODS.items() if name != "direct")
+    parts = [TEXT.format(most=MOST_SAMPLES, units=units)]
+    for arm, group in table.groupby(CHOSEN_FOR, sort=True):
+        about = dict(zip(CHOSEN_FOR, arm, strict=True))
+        parts += [
+            f"## {about['robot']}, {setting_text(about)}",
+            f"Base {about['base']} m, wrist {about['branch']}, {about['sampler']}-{about['sampling_steps']}, "
+            f"{group.checkpoints.max()} checkpoints. Chosen:",
+            shown(group[group.chosen]).to_markdown(index=False, disable_numparse=True),
+            "All:",
+            shown(group).to_markdown(index=False, disable_numparse=True),
+        ]
+    return "\n\n".join(parts) + "\n"

@@ -1,0 +1,95 @@
+"""Demonstrations on their way to a dataset: files of a few episodes each, made by worker processes."""
+
+import os
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from benchmark.artifacts.progress import progress_bar
+from benchmark.training.demonstration import Demonstration, demonstrate, pack, source_env, unpack
+from benchmark.training.demonstration_recipe import CollectConfig
+from richmap.worker import start_worker
+
+EPISODES_PER_CHUNK = 5
+"""Episodes that are stored at once: what a killed worker loses."""
+
+
+def simulate(config: CollectConfig, chunks: Path) -> None:
+    """Fills the folder with one file per chunk of episodes."""
+    missing = [chunk for chunk in _chunks(config) if not _chunk_path(chunks, chunk).exists()]
+    done = config.episodes - sum(len(chunk) for chunk in missing)
+    with (
+        progress_bar() as progress,
+        ProcessPoolExecutor(min(config.workers, len(missing) or 1), get_context("spawn"), start_worker) as pool,
+    ):
+        task = progress.add_task("Demonstrations", total=config.episodes, completed=done)
+        futures = {pool.submit(_simulate_chunk, config, chunk, chunks): len(chunk) for chunk in missing}
+        try:
+            for future in as_completed(futures):
+                future.result()
+                progress.advance(task, futures[future])
+        except BaseException:
+            pool.shutdown(cancel_futures=True)  # Otherwise an error or Ctrl-C would wait for all the chunks.
+            raise
+
+
+def _simulate_chunk(config: CollectConfig, seeds: range, chunks: Path) -> None:
+    """Worker: one chunk of episodes, stored in one atomic step."""
+    env = source_env()
+    driver = Path(config.driver) if config.driver else None
+    how = (config.burst_probability, config.detours, driver)
+    episodes = [demonstrate(env, seed, _kind(config, seed), *how) for seed in seeds]
+    path = _chunk_path(chunks, seeds)
+    partial = path.with_suffix(f".{os.getpid()}.tmp")
+    with open(partial, "wb") as file:
+        np.savez(file, **pack(episodes))
+    os.replace(partial, path)
+
+
+def _kind(config: CollectConfig, seed: int) -> str:
+    """Kind of an episode: drawn by its seed alone, so that more episodes never change the first ones."""
+    draw = np.random.default_rng((seed, 0)).random()
+    shares = {
+        "noise": config.share_noise,
+        "bursts": config.share_bursts,
+        "wide": config.share_wide,
+        "crowded": config.share_crowded,
+        "on_policy": config.share_on_policy,
+    }
+    for kind, share in shares.items():
+        if draw < share:
+            return kind
+        draw -= share
+    return "clean"
+
+
+def played(config: CollectConfig, chunks: Path) -> dict[str, dict[str, int]]:
+    """Episodes kept and episodes played of each kind: failures are played again, disturbed otherwise."""
+    counts: dict[str, dict[str, int]] = {}
+    for episode in stored(config, chunks):
+        count = counts.setdefault(episode.kind, {"kept": 0, "played": 0})
+        count["kept"] += 1
+        count["played"] += episode.attempts
+    return counts
+
+
+def stored(config: CollectConfig, chunks: Path) -> Iterator[Demonstration]:
+    """All episodes, in the order of their seeds."""
+    for chunk in _chunks(config):
+        with np.load(_chunk_path(chunks, chunk)) as arrays:
+            yield from unpack(arrays)
+
+
+def _chunks(config: CollectConfig) -> list[range]:
+    end = config.seed_start + config.episodes
+    return [
+        range(start, min(start + EPISODES_PER_CHUNK, end))
+        for start in range(config.seed_start, end, EPISODES_PER_CHUNK)
+    ]
+
+
+def _chunk_path(chunks: Path, seeds: range) -> Path:
+    return chunks / f"{seeds.start:06d}-{seeds.stop:06d}.npz"

@@ -1,0 +1,70 @@
+"""Demonstrations as a LeRobotDataset on disk."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import datasets
+import numpy as np
+from lerobot.datasets import LeRobotDataset
+
+from benchmark.artifacts.progress import progress_bar
+from benchmark.settings.config import SOURCE
+from benchmark.training.demonstration import Demonstration
+
+TASK = "Push the two blocks into the two squares, one in each."
+FPS = 10
+"""Control steps per second."""
+
+
+def write_dataset(episodes: Iterable[Demonstration], root: Path, total: int) -> None:
+    """Writes a LeRobotDataset (v3.0), with the observation split as the environments' dict form splits it."""
+    datasets.disable_progress_bars()
+    dataset = LeRobotDataset.create(
+        f"local/{root.name}",
+        FPS,
+        _features(),
+        root=root,
+        robot_type=SOURCE,
+        use_videos=False,
+        video_backend="pyav",
+    )
+    with progress_bar() as progress:
+        for episode in progress.track(episodes, total=total, description="Writing dataset"):
+            for frame in _frames(episode):
+                dataset.add_frame(frame)
+            dataset.save_episode()
+    dataset.finalize()
+
+
+def _features() -> dict[str, dict]:
+    poses = [f"{body}_{q}" for body in ("block", "block2", "target", "target2") for q in ("x", "y", "yaw")]
+    return {
+        "observation.state": _feature(["effector_x", "effector_y", "commanded_x", "commanded_y"]),
+        "observation.environment_state": _feature(poses),
+        "action": _feature(["dx", "dy"]),
+        "next.reward": _feature(["reward"]),
+        "next.success": _feature(["success"], "bool"),
+        "next.done": _feature(["done"], "bool"),
+        "kind": _feature(["kind"], "string"),
+        "seed": _feature(["seed"], "int64"),
+    }
+
+
+def _feature(names: list[str], dtype: str = "float32") -> dict:
+    return {"dtype": dtype, "shape": (len(names),), "names": names}
+
+
+def _frames(episode: Demonstration) -> Iterator[dict]:
+    last = len(episode.actions) - 1
+    for i, observation in enumerate(episode.observations):
+        yield {
+            "observation.state": observation[6:10],
+            "observation.environment_state": np.concatenate([observation[:6], observation[10:]]),
+            "action": episode.actions[i],
+            "next.reward": episode.rewards[i : i + 1],
+            "next.success": episode.successes[i : i + 1],
+            "next.done": np.array([i == last]),
+            "kind": episode.kind,
+            "seed": np.array([episode.seed]),
+            "task": TASK,
+        }

@@ -1,0 +1,63 @@
+"""The task as an environment of LeRobot: `--env.type=guided_push --env.task=BlockPush-UR3-v0`."""
+
+from dataclasses import dataclass, field
+
+from lerobot.configs import FeatureType, PolicyFeature
+from lerobot.envs.configs import EnvConfig
+from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
+
+from envs import ENVIRONMENTS, MAX_EPISODE_STEPS
+from envs.block_push.workspace import CONTROL_FREQUENCY
+
+
+@EnvConfig.register_subclass("guided_push")
+@dataclass
+class GuidedPushEnvConfig(EnvConfig):
+    """Which arm pushes the blocks, and what binds it (`envs.arm.arms`)."""
+
+    task: str | None = ENVIRONMENTS["xarm6"]
+    """Gymnasium id, one of `envs.ENVIRONMENTS`."""
+    fps: int = CONTROL_FREQUENCY
+    episode_length: int = MAX_EPISODE_STEPS
+    setting: str = "embodied"
+    """`embodied` (joint limits and self-collision bind) or `original` (neither does)."""
+    base: tuple[float, float, float] | None = None
+    """Position of the arm's base, in [m]; None for the setting's."""
+    wrist: str | None = None
+    """`out` or `in`; None for the setting's."""
+    features: dict[str, PolicyFeature] = field(
+        default_factory=lambda: {
+            ACTION: PolicyFeature(type=FeatureType.ACTION, shape=(2,)),
+            "agent_pos": PolicyFeature(type=FeatureType.STATE, shape=(4,)),
+            "environment_state": PolicyFeature(type=FeatureType.ENV, shape=(12,)),
+        }
+    )
+    features_map: dict[str, str] = field(
+        default_factory=lambda: {
+            ACTION: ACTION,
+            "agent_pos": OBS_STATE,
+            "environment_state": OBS_ENV_STATE,
+        }
+    )
+
+    @property
+    def package_name(self) -> str:
+        """Package whose import registers the task with Gymnasium."""
+        return "envs"
+
+    @property
+    def gym_id(self) -> str:
+        """Gymnasium's name of the task."""
+        return str(self.task)
+
+    @property
+    def gym_kwargs(self) -> dict:
+        """Arguments for `gymnasium.make`."""
+        return {
+            "setting": self.setting,
+            "base": self.base,
+            "wrist": self.wrist,
+            "obs_type": "environment_state_agent_pos",
+            "render_mode": "rgb_array",
+            "max_episode_steps": self.episode_length,
+        }

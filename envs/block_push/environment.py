@@ -1,0 +1,237 @@
+"""The block-push task as a Gymnasium environment."""
+
+import warnings
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import gymnasium
+import mujoco
+import numpy as np
+from gymnasium import spaces
+from jaxtyping import Bool, Float
+
+from envs import MAX_EPISODE_STEPS
+from envs.arm.arms import HEIGHT, ORIENTATION_WEIGHT, arm_setting, make_kinematics, start_posture
+from envs.arm.inverse_kinematics import Posture
+from envs.arm.renderer import Renderer
+from envs.block_push.scene import START, Scene, draw_scene
+from envs.block_push.success import both_placed, inside, rewards, score
+from envs.block_push.workspace import CONTROL_FREQUENCY, WORKSPACE
+from richmap.robots.robots import load_robot
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", SyntaxWarning)  # From robosuite's own text, when Python first compiles it.
+    from envs.block_push.simulation import BlockPushSimulation
+
+MAX_STEP = 0.1
+"""Largest step of the commanded effector along an axis, in [m] per control step."""
+HOLD = 1.0
+"""How long the command is held still after success before it is judged again, in [s]."""
+AGENT = slice(6, 10)
+"""Where the effector is in the state: measured xy, commanded xy."""
+
+Observation = Float[np.ndarray, "16"] | dict[str, np.ndarray]
+
+
+class BlockPushEnv(gymnasium.Env):
+    """Push two blocks into two targets, one each, with a rod held by an arm. Ten control steps per second.
+
+    Action, 2 numbers in [m]: step of the commanded effector in x and y, clipped to 0.1 each; the command adds
+    up, independent of where the arm really is, and stays in the box x .15 to .70, y -.50 to .50. The flange
+    is kept at z = .06 with the tool upright.
+
+    State, 16 numbers, xy in [m] in the world, yaw in [rad] modulo pi: block x, y, yaw (0-2); block2 (3-5);
+    effector measured x, y (6-7) and commanded x, y (8-9); target x, y, yaw (10-12); target2 (13-15). With
+    `obs_type="environment_state_agent_pos"` it is split into `agent_pos` (6-9) and `environment_state` (the
+    rest).
+
+    Reward: 0.49 for every first entry of a block into a target, 0.51 when both blocks are in different
+    targets, which ends the episode. Inside that last step one more second passes with the command held still,
+    after which `info["success_at_end"]` tells whether both are still in; the observation is from before that
+    second.
+
+    Args:
+        robot: `xarm6`, `ur3`, `ur5` or `ur10`.
+        setting: `embodied` (joint limits and self-collision bind), `original` (neither does) or `best` (as embodied,
+            but with the base where the arm reaches the most).
+        base: Position of the arm's base, in [m]; None for the setting's.
+        wrist: Branch of the wrist, `out` or `in`; None for the setting's.
+        self_collision: Whether links collide with each other; None for the setting's.
+        orientation_weight: Weight of orientation against position in the inverse kinematics, in [m/rad].
+        obs_type: `state` or `environment_state_agent_pos`.
+        render_mode: None or `rgb_array`.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": CONTROL_FREQUENCY}
+    task = "push-two-blocks"
+    task_description = "Push each block into a target of its own."
+    _max_episode_steps = MAX_EPISODE_STEPS
+
+    def __init__(
+        self,
+        robot: str,
+        setting: str = "embodied",
+        base: Sequence[float] | None = None,
+        wrist: str | None = None,
+        self_collision: bool | None = None,
+        orientation_weight: float = ORIENTATION_WEIGHT,
+        obs_type: str = "state",
+        render_mode: str | None = None,
+    ) -> None:
+        if obs_type not in ("state", "environment_state_agent_pos"):
+            raise ValueError(f"There is no obs_type {obs_type!r}. Types: state, environment_state_agent_pos")
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"There is no render_mode {render_mode!r}. Modes: None, rgb_array")
+        self.arm = arm_setting(robot, setting, base, wrist, self_collision, orientation_weight)
+        self.obs_type, self.render_mode = obs_type, render_mode
+        self.action_space = spaces.Box(-MAX_STEP, MAX_STEP, (2,), np.float32)
+        self.observation_space = _observation_space(obs_type)
+
+        description = load_robot(robot)
+        base_position = np.array(self.arm.base)
+        self._lower, self._upper = description.lower, description.upper
+        self._kinematics = make_kinematics(self.arm)
+        self._start = start_posture(self._kinematics, self.arm)
+        self._simulation = BlockPushSimulation(
+            robot,
+            base_position,
+            self._start,
+            self.arm.self_collision,
+            self.arm.joint_limits,
+            visual=render_mode is not None,
+        )
+        self._renderer: Renderer | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode: the scene of this seed (`envs.block_push.scene.draw_scene`), or `options["scene"]`."""
+        super().reset(seed=seed)
+        scene = (options or {}).get("scene")
+        if scene is None:
+            scene = draw_scene(int(self.np_random.integers(2**31)) if seed is None else seed)
+        self._scene = scene
+        self._targets = np.stack([scene.target, scene.target2])
+        self._command = np.array(scene.effector, dtype=float)
+        self._posture = self._posture_over(scene)
+        self._simulation.place(scene, self._posture.joints)
+        self._been_inside = np.zeros((2, 2), dtype=bool)
+        self._steps = 0
+        state, info = self._state(), self._info((0.0, 0.0), self._inside())
+        return self._observe(state), info
+
+    def step(self, action: Float[np.ndarray, "2"]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Move the command, then let a tenth of a second pass."""
+        action = np.asarray(action, dtype=np.float64)
+        if action.shape != (2,) or not np.isfinite(action).all():
+            raise ValueError(f"An action is two finite numbers, in metres. Got {action}")
+        step = np.clip(action, -MAX_STEP, MAX_STEP)
+        self._command = np.clip(self._command + step, WORKSPACE[0], WORKSPACE[1])
+        self._advance()
+        self._steps += 1
+        now = self._inside()
+        earned = rewards(self._been_inside, now)
+        self._been_inside |= now
+        state, info = self._state(), self._info(earned, now)
+        if info["p2"]:
+            info["success_at_end"] = self._stays_placed()
+        return self._observe(state), sum(earned), info["p2"], False, info
+
+    def render(self) -> np.ndarray | None:
+        """A picture, (height, width, 3) uint8, if `render_mode` is `rgb_array`."""
+        if self.render_mode is None:
+            return None
+        if self._renderer is None:
+            self._renderer = Renderer(self._simulation.mj_model)
+        return self._renderer.draw(self._simulation.mj_data)
+
+    def close(self) -> None:
+        """Give graphics memory back."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    @property
+    def physics(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        """MuJoCo's model and its present state."""
+        return self._simulation.mj_model, self._simulation.mj_data
+
+    def _advance(self) -> None:
+        self._posture = self._kinematics.solve(np.array([*self._command, HEIGHT]), self._posture.joints)
+        self._simulation.step(self._posture.joints)
+
+    def _stays_placed(self) -> bool:
+        for _ in range(round(HOLD * CONTROL_FREQUENCY)):
+            self._advance()
+        return both_placed(self._inside())
+
+    def _inside(self) -> Bool[np.ndarray, "2 2"]:
+        """Which block (row) is in which target (column)."""
+        return inside(self._simulation.blocks_xyz[:, :2], self._targets[:, :2])
+
+    def _posture_over(self, scene: Scene) -> Posture:
+        """Joint angles over the scene's start, reached from the usual start in short steps: same branch."""
+        way = np.linspace(START, scene.effector, 1 + int(np.ceil(np.linalg.norm(scene.effector - START) / 0.02)))
+        posture = Posture(self._start, 0.0, 0.0)
+        for point in way:
+            posture = self._kinematics.solve(np.array([*point, HEIGHT]), posture.joints)
+        return posture
+
+    def _state(self) -> Float[np.ndarray, "16"]:
+        simulation = self._simulation
+        state = np.empty(16)
+        state[0:6].reshape(2, 3)[:, :2] = simulation.blocks_xyz[:, :2]
+        state[[2, 5]] = simulation.blocks_yaw
+        state[6:8] = simulation.flange_xyz[:2]
+        state[8:10] = self._command
+        state[10:16] = self._targets.ravel()
+        state[[2, 5, 12, 15]] %= np.pi
+        return state.astype(np.float32)
+
+    def _observe(self, state: Float[np.ndarray, "16"]) -> Observation:
+        if self.obs_type == "state":
+            return state
+        return {"agent_pos": state[AGENT], "environment_state": np.delete(state, np.r_[AGENT])}
+
+    def _info(self, earned: tuple[float, float], now: Bool[np.ndarray, "2 2"]) -> dict[str, Any]:
+        simulation = self._simulation
+        flange, blocks = simulation.flange_xyz, simulation.blocks_xyz
+        p1, p2 = bool(self._been_inside.any()), both_placed(now)
+        joints = simulation.joint_angles
+        return {
+            "is_success": p2,
+            "p1": p1,
+            "p2": p2,
+            "success_at_end": False,
+            "score": score(p1, p2),
+            "reward_entry": earned[0],
+            "reward_both": earned[1],
+            "step": self._steps,
+            "mode": self._scene.mode,
+            "commanded": self._command.copy(),
+            "flange": flange,
+            "base": np.array(self.arm.base),
+            "tracking_error": float(np.linalg.norm(flange[:2] - self._command)),
+            "ik_residual": self._posture.residual,
+            "joint_limits": self.arm.joint_limits,
+            "joint_limit_margin": float(np.minimum(joints - self._lower, self._upper - joints).min()),
+            "self_contact": simulation.links_touch,
+            "tool_tilt": simulation.tool_tilt,
+            "block_positions": blocks,
+            "block_tilt": simulation.blocks_tilt,
+            "target_positions": self._targets[:, :2].copy(),
+            "block_in_target": np.where(now.any(1), now.argmax(1), -1),
+        }
+
+
+def _observation_space(obs_type: str) -> spaces.Space:
+    """Positions within 10 m, which nothing leaves; yaw within [0, pi]."""
+    low, high = np.full(16, -10, np.float32), np.full(16, 10, np.float32)
+    low[[2, 5, 12, 15]], high[[2, 5, 12, 15]] = 0, np.pi
+    if obs_type == "state":
+        return spaces.Box(low, high)
+    agent = np.r_[AGENT]
+    return spaces.Dict(
+        agent_pos=spaces.Box(low[agent], high[agent]),
+        environment_state=spaces.Box(np.delete(low, agent), np.delete(high, agent)),
+    )

@@ -1,0 +1,245 @@
+"""Spheres around an arm's links: where they keep apart, triangles need not be looked at."""
+
+from dataclasses import dataclass
+from typing import no_type_check
+
+import numba
+import numpy as np
+import pinocchio
+import trimesh
+from jaxtyping import Bool, Float, Int
+
+from richmap.motion.kinematics import joint_frames, z_to_axis
+from richmap.robots.robot import RobotDescription
+from richmap.robots.shape import Shape
+
+COARSE, MEDIUM, FINE = 0.06, 0.02, 0.01
+"""Edges of the cubes whose content gets one sphere, in [m]."""
+
+MARGIN = 1.01
+"""Spheres are larger than what they hold by this factor, since round shapes bulge out of their triangles."""
+
+
+@dataclass(frozen=True)
+class BoundingSpheres:
+    """Spheres that hold the shapes of the links that move; sorted by link."""
+
+    links: tuple[str, ...]
+    """From base to flange."""
+    start: Int[np.ndarray, " links1"]
+    """Spheres of link i are `start[i]` to `start[i + 1]`."""
+    joint: Int[np.ndarray, " links"]
+    """Number of the joint that each link is fixed to, from 1."""
+    centres: Float[np.ndarray, "spheres 3"]
+    """Centres in the frame of the link's joint, whose z is the joint's axis, in [m]."""
+    radii: Float[np.ndarray, " spheres"]
+    """In [m]."""
+    whole_centres: Float[np.ndarray, "links 3"]
+    """Centre of one sphere that holds all of a link's, in the frame of its joint, in [m]."""
+    whole_radii: Float[np.ndarray, " links"]
+    """In [m]."""
+    frames: Float[np.ndarray, "dof1 3 4"]
+    """The arm's joint frames (`kinematics.joint_frames`)."""
+
+    @classmethod
+    def around(
+        cls, robot: RobotDescription, model: pinocchio.Model, links: tuple[str, ...], cube: float = COARSE
+    ) -> "BoundingSpheres":
+        """Spheres for cubes of this edge, in [m], around links that move, which are in order from base to flange."""
+        centres, radii = [], []
+        for link in links:
+            frame = model.frames[model.getFrameId(link)]
+            to_joint = z_to_axis(model.joints[frame.parentJoint]).inverse() * frame.placement
+            fitted = [_cover_shape(shape, cube) for shape in robot.shapes[link]]
+            centres.append(np.concatenate([c for c, _ in fitted]) @ to_joint.rotation.T + to_joint.translation)
+            radii.append(np.concatenate([r for _, r in fitted]))
+        start = np.concatenate([[0], np.cumsum([len(r) for r in radii])]).astype(np.int64)
+        joint = np.array([robot.depth[link] for link in links], dtype=np.int64)
+        whole = np.array([c.mean(0) for c in centres]).reshape(-1, 3)
+        whole_radii = [
+            (np.linalg.norm(c - middle, axis=1) + r).max() for c, r, middle in zip(centres, radii, whole, strict=True)
+        ]
+        centres, radii = np.concatenate([*centres, np.zeros((0, 3))]), np.concatenate([*radii, []])
+        return cls(links, start, joint, centres, radii, whole, np.array(whole_radii), joint_frames(robot))
+
+    def near_each_other(
+        self, joints: Float[np.ndarray, "n dof"], pairs: list[tuple[str, str]]
+    ) -> Bool[np.ndarray, "n pairs"]:
+        """Whether spheres of each of these pairs of links meet in each configuration; if not, the links do not."""
+        index = np.array([[self.links.index(a), self.links.index(b)] for a, b in pairs], dtype=np.int64).reshape(-1, 2)
+        whole = self.whole_centres, self.whole_radii
+        return _near_each_other(joints, self.frames, self.start, self.joint, self.centres, self.radii, *whole, index)
+
+    def near_solid(
+        self, joints: Float[np.ndarray, "n dof"], links: list[str], solid: Float[np.ndarray, "slabs 3"]
+    ) -> Bool[np.ndarray, "n links"]:
+        """Whether spheres of each of these links meet a solid of revolution about the first axis.
+
+        Args:
+            joints: Configurations, in [rad].
+            links: Links that move.
+            solid: Slabs: bottom, top and radius, in joint 1's frame, in [m].
+        """
+        index = np.array([self.links.index(link) for link in links], dtype=np.int64)
+        return _near_solid(joints, self.frames, self.start, self.joint, self.centres, self.radii, index, solid)
+
+    def turns_near(
+        self,
+        joints: Float[np.ndarray, "n dof"],
+        links: list[str],
+        centres: Float[np.ndarray, "k 3"],
+        radii: Float[np.ndarray, " k"],
+        turns: int,
+    ) -> Bool[np.ndarray, "n links turns"]:
+        """At which turns of joint 1, of so many in a circle, spheres of each of these links meet fixed spheres.
+
+        Args:
+            joints: Configurations that are turned, in [rad].
+            links: Links that move.
+            centres: Of the fixed spheres, in joint 1's frame at angle 0, in [m].
+            radii: Of the fixed spheres, in [m].
+            turns: Angles in a circle; turn k adds k / turns of it to joint 1.
+        """
+        index = np.array([self.links.index(link) for link in links], dtype=np.int64)
+        own = self.start, self.joint, self.centres, self.radii, index
+        return _turns_near(joints, self.frames, *own, centres, radii, turns)
+
+
+def _cover_shape(shape: Shape, cube: float) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
+    """Spheres that hold a shape: a mesh is its surface, a box, cylinder or sphere is solid."""
+    mesh = shape.triangles()
+    centres, radii = cover(mesh, cube)
+    if shape.kind == "mesh":
+        return centres, radii
+    edge = max(cube, mesh.extents.max() / 20)
+    axes = [np.arange(low + edge / 2, high + edge / 2, edge) for low, high in mesh.bounds.T]
+    inside = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    filling = np.full(len(inside), edge * np.sqrt(3) / 2)
+    return np.concatenate([centres, inside]), np.concatenate([radii, filling])
+
+
+def cover(mesh: trimesh.Trimesh, cube: float) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
+    """Centres and radii of spheres that hold a mesh, in [m]: one for the triangles in each cube."""
+    cube = max(cube, mesh.extents.max() / 50)
+    points, faces = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, cube / 2, max_iter=20)
+    triangles = points[faces]
+    _, cluster = np.unique(np.floor(triangles.mean(1) / cube), axis=0, return_inverse=True)
+    order = np.argsort(cluster, kind="stable")
+    held = np.split(triangles[order].reshape(-1, 3), 3 * np.flatnonzero(np.diff(cluster[order])) + 3)
+    centres = np.array([(corners.min(0) + corners.max(0)) / 2 for corners in held])
+    radii = [np.linalg.norm(corners - centre, axis=1).max() for corners, centre in zip(held, centres, strict=True)]
+    return centres, MARGIN * np.array(radii)
+
+
+@numba.njit(cache=True, nogil=True)
+@no_type_check
+def _place(q, frames, start, joint, centres, placed):
+    """Write the spheres' centres, seen from joint 1's frame and with joint 1 at 0, to `placed`."""
+    r, p = np.eye(3), np.zeros(3)
+    turned, link = np.empty((3, 3)), 0
+    for j in range(1, len(q) + 1):
+        angle = q[j - 1] if j > 1 else 0.0
+        c, s = np.cos(angle), np.sin(angle)
+        for a in range(3):
+            turned[a, 0] = c * r[a, 0] + s * r[a, 1]
+            turned[a, 1] = c * r[a, 1] - s * r[a, 0]
+            turned[a, 2] = r[a, 2]
+        while link < len(joint) and joint[link] == j:
+            for i in range(start[link], start[link + 1]):
+                x, y, z = centres[i]
+                for a in range(3):
+                    placed[i, a] = p[a] + turned[a, 0] * x + turned[a, 1] * y + turned[a, 2] * z
+            link += 1
+        f = frames[j]
+        for a in range(3):
+            x, y, z = turned[a]
+            p[a] += x * f[0, 3] + y * f[1, 3] + z * f[2, 3]
+            for b in range(3):
+                r[a, b] = x * f[0, b] + y * f[1, b] + z * f[2, b]
+
+
+@numba.njit(cache=True, nogil=True)
+@no_type_check
+def _near_each_other(joints, frames, start, joint, centres, radii, whole_centres, whole_radii, pairs):
+    near = np.zeros((len(joints), len(pairs)), dtype=np.bool_)
+    placed, whole = np.empty(centres.shape), np.empty(whole_centres.shape)
+    one_each = np.arange(len(joint) + 1)
+    for n in range(len(joints)):
+        _place(joints[n], frames, one_each, joint, whole_centres, whole)
+        any_near = False
+        for k in range(len(pairs)):
+            a, b = pairs[k]
+            near[n, k] = _meet(whole, whole_radii, a, a + 1, b, b + 1)
+            any_near = any_near or near[n, k]
+        if not any_near:
+            continue
+        _place(joints[n], frames, start, joint, centres, placed)
+        for k in range(len(pairs)):
+            a, b = pairs[k]
+            if near[n, k]:
+                near[n, k] = _meet(placed, radii, start[a], start[a + 1], start[b], start[b + 1])
+    return near
+
+
+@numba.njit(cache=True, nogil=True, fastmath=True)
+@no_type_check
+def _meet(placed, radii, a, last_a, b, last_b):
+    for i in range(a, last_a):
+        x, y, z = placed[i]
+        for j in range(b, last_b):
+            d, e, f = placed[j, 0] - x, placed[j, 1] - y, placed[j, 2] - z
+            reach = radii[i] + radii[j]
+            if d * d + e * e + f * f <= reach * reach:
+                return True
+    return False
+
+
+@numba.njit(cache=True, nogil=True)
+@no_type_check
+def _near_solid(joints, frames, start, joint, centres, radii, links, solid):
+    near = np.zeros((len(joints), len(links)), dtype=np.bool_)
+    placed = np.empty(centres.shape)
+    top, widest = -np.inf, 0.0
+    for k in range(len(solid)):
+        top, widest = max(top, solid[k, 1]), max(widest, solid[k, 2])
+    for n in range(len(joints)):
+        _place(joints[n], frames, start, joint, centres, placed)
+        for m in range(len(links)):
+            for i in range(start[links[m]], start[links[m] + 1]):
+                z, size = placed[i, 2], radii[i]
+                radius = np.sqrt(placed[i, 0] ** 2 + placed[i, 1] ** 2)
+                if z - size > top or radius - size > widest:
+                    continue
+                for k in range(len(solid)):
+                    up = max(solid[k, 0] - z, z - solid[k, 1], 0.0)
+                    out = max(radius - solid[k, 2], 0.0)
+                    near[n, m] = near[n, m] or up * up + out * out <= size * size
+    return near
+
+
+@numba.njit(cache=True, nogil=True)
+@no_type_check
+def _turns_near(joints, frames, start, joint, centres, radii, links, fixed, fixed_radii, turns):
+    near = np.zeros((len(joints), len(links), turns), dtype=np.bool_)
+    placed = np.empty(centres.shape)
+    out = np.sqrt(fixed[:, 0] ** 2 + fixed[:, 1] ** 2)
+    azimuth = np.arctan2(fixed[:, 1], fixed[:, 0])
+    step = 2 * np.pi / turns
+    for n in range(len(joints)):
+        _place(joints[n], frames, start, joint, centres, placed)
+        for m in range(len(links)):
+            for i in range(start[links[m]], start[links[m] + 1]):
+                x, y, z = placed[i]
+                rho = np.sqrt(x * x + y * y)
+                for k in range(len(fixed)):
+                    # Distance^2 at angle a between the two about the axis: flat - 2 rho out cos a.
+                    flat = rho * rho + out[k] * out[k] + (z - fixed[k, 2]) ** 2
+                    reach, swing = (radii[i] + fixed_radii[k]) ** 2, 2 * rho * out[k]
+                    if flat - swing > reach:
+                        continue
+                    half = np.pi if flat + swing <= reach else np.arccos((flat - reach) / swing)
+                    middle = azimuth[k] - np.arctan2(y, x) - joints[n, 0]
+                    first = int(np.floor((middle - half) / step))
+                    for t in range(first, min(int(np.ceil((middle + half) / step)), first + turns - 1) + 1):
+                        near[n, m, t % turns] = True
+    return near

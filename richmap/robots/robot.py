@@ -1,0 +1,106 @@
+"""What an arm is: one URDF text, with base and flange named, that every stage reads."""
+
+import hashlib
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from richmap.robots.shape import Shape
+
+if TYPE_CHECKING:
+    import pytorch_kinematics
+
+
+@dataclass(frozen=True)
+class RobotDescription:
+    """A serial arm with revolute joints, from its base to its flange.
+
+    The same text feeds pytorch-kinematics (`chain`), the self-collision check and the simulated robot
+    (`richmap.physics.mujoco_model.arm_spec`).
+    """
+
+    name: str
+    urdf: str
+    """URDF text; file names of meshes are absolute."""
+    base: str
+    """Link that is fixed to the world; its frame is the base frame."""
+    end_effector: str
+    """Flange link; its +z is the approach direction."""
+    source: str
+    """Package and version that the description was read from."""
+    licence: str
+
+    @cached_property
+    def links(self) -> tuple[str, ...]:
+        """Links from base to flange, in order, fixed ones included."""
+        parent = {j.find("child").get("link"): j.find("parent").get("link") for j in self._root.iter("joint")}
+        links = [self.end_effector]
+        while links[-1] != self.base:
+            links.append(parent[links[-1]])
+        return tuple(reversed(links))
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the revolute joints from base to flange."""
+        return tuple(joint.get("name") for joint in self._actuated)
+
+    @cached_property
+    def lower(self) -> Float[np.ndarray, " dof"]:
+        """Lower joint limits, in [rad]."""
+        return np.array([float(joint.find("limit").get("lower")) for joint in self._actuated])
+
+    @cached_property
+    def upper(self) -> Float[np.ndarray, " dof"]:
+        """Upper joint limits, in [rad]."""
+        return np.array([float(joint.find("limit").get("upper")) for joint in self._actuated])
+
+    @cached_property
+    def depth(self) -> dict[str, int]:
+        """How many joints move each link of the chain; 0 for the base and what is fixed to it."""
+        moving = np.cumsum([joint.get("type") != "fixed" for joint in self._joint_before])
+        return dict(zip(self.links, (0, *moving.tolist()), strict=True))
+
+    @cached_property
+    def shapes(self) -> dict[str, tuple[Shape, ...]]:
+        """Collision shapes of each link of the chain that has some, from base to flange."""
+        shapes = {
+            link.get("name"): tuple(Shape.from_urdf(collision) for collision in link.findall("collision"))
+            for link in self._root.iter("link")
+        }
+        return {link: shapes[link] for link in self.links if shapes[link]}
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """SHA-256 over the description and the bytes of its meshes, independent of where they are installed."""
+        text = self.urdf
+        files = {str(shape.file) for shapes in self.shapes.values() for shape in shapes if shape.file}
+        for file in sorted(files, key=len, reverse=True):  # One name may begin another.
+            text = text.replace(file, hashlib.sha256(Path(file).read_bytes()).hexdigest())
+        return hashlib.sha256("\n".join([text, self.base, self.end_effector]).encode()).hexdigest()
+
+    def chain(self) -> "pytorch_kinematics.SerialChain":
+        """Differentiable kinematics from base to flange."""
+        import pytorch_kinematics
+
+        return pytorch_kinematics.build_serial_chain_from_urdf(
+            self.urdf, end_link_name=self.end_effector, root_link_name=self.base
+        )
+
+    @cached_property
+    def _root(self) -> ET.Element:
+        return ET.fromstring(self.urdf)
+
+    @cached_property
+    def _joint_before(self) -> list[ET.Element]:
+        """The joint that carries each link but the base."""
+        joint_of_child = {joint.find("child").get("link"): joint for joint in self._root.iter("joint")}
+        return [joint_of_child[link] for link in self.links[1:]]
+
+    @cached_property
+    def _actuated(self) -> list[ET.Element]:
+        return [joint for joint in self._joint_before if joint.get("type") != "fixed"]
