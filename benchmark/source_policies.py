@@ -26,8 +26,8 @@ class SourcePoliciesConfig:
     """Trains policies from several seeds and keeps the best checkpoints of each, by their validation episodes."""
 
     recipe: str = USUAL
-    """What they learn from and see: robust (episodes with noise and bursts, scenes all over the table), pair (the same,
-    and the oracle's own geometry in the inputs) or clean (undisturbed episodes alone)."""
+    """What they learn from and see: robust (episodes with noise and bursts, scenes all over the table) or clean
+    (undisturbed episodes alone)."""
     seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
     """Training seeds, whole numbers >= 0."""
     steps: int = 9000

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
 
-from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.settings.command import SettingError
 from benchmark.training.collection import collect
 from benchmark.training.demonstration import Demonstration, around_blocks, demonstrate, pack, source_env, unpack
@@ -73,16 +72,6 @@ def test_a_demonstration_depends_on_its_seed_alone(kind):
     assert once.successes[-1] and not once.successes[:-1].any()
 
 
-def test_a_policy_drives_and_the_oracle_labels():
-    env = source_env()
-    driven = demonstrate(env, 3, "on_policy", driver=checkpoint_folder(42))
-    again = demonstrate(env, 3, "on_policy", driver=checkpoint_folder(42))
-    assert np.array_equal(driven.observations, again.observations) and driven.successes[-1]
-    executed = np.diff(driven.observations[:, 8:10], axis=0)
-    led_away = np.linalg.norm(executed - driven.actions[:-1], axis=1) > 1e-4
-    assert 0.1 < led_away.mean() < 0.9
-
-
 def test_without_bursts_only_noise_is_left():
     env = source_env()
     driven = demonstrate(env, 3, "bursts", burst_probability=0.0)
@@ -125,13 +114,6 @@ def test_the_demonstrator_walks_around_the_block_that_it_is_about_to_push():
         observation, *_ = source_env().step(label.astype(np.float32))
     assert oracle.phase == "block"
     assert np.linalg.norm(observation[:2] - block[:2]) < 0.002
-
-
-def test_a_driver_goes_with_its_share():
-    with pytest.raises(SettingError, match="driver= is not allowed"):
-        CollectConfig(share_on_policy=0.1)
-    with pytest.raises(SettingError, match="driver=somewhere is not allowed"):
-        CollectConfig(driver="somewhere")
 
 
 def test_packing_keeps_every_episode():

@@ -6,12 +6,11 @@ import pytest
 from benchmark.training.disturbance import BURST_SIZE, BURST_STEPS, Disturbance
 
 LABEL = np.array([0.01, -0.02])
-SEEN = np.zeros(16)
 
 
 def disturbed(kind, steps=2000):
     disturbance = Disturbance(kind, 0.03, np.random.default_rng(0))
-    executed, restarts = zip(*(disturbance(LABEL, SEEN) for _ in range(steps)), strict=True)
+    executed, restarts = zip(*(disturbance(LABEL) for _ in range(steps)), strict=True)
     return np.array(executed), np.array(restarts)
 
 

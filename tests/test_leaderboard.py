@@ -20,7 +20,7 @@ from benchmark.scoring.ranking import PAPER, PROTOCOLS, STRICT, adjusted, as_usu
 from benchmark.scoring.statistics import holm, paired_p_value
 from benchmark.settings.command import CONF, SettingError
 from benchmark.settings.config import FIRST_TEST_SEED, TASK_ARMS, RunConfig
-from benchmark.settings.recipe import SHIPPED, USUAL, recipe_folder
+from benchmark.settings.recipe import RECIPES, USUAL, recipe_folder
 
 OURS = {f"hash of seed{seed}" for seed in ("42-1", "42-2", "43-1", "44-1")}
 
@@ -262,8 +262,8 @@ def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(transf
     of_clean = (tmp_path / "clean" / "LEADERBOARD.md").read_text()
     assert "pull-back" not in of_clean and "benchmark.leaderboard recipe=clean`" in of_clean
     assert "seed44-1" in of_clean and "seed42-1" not in of_clean
-    with pytest.raises(SettingError, match="recipe=pair is not allowed. Allowed: robust, clean"):
-        dataclasses.replace(config, recipe="pair")
+    with pytest.raises(SettingError, match="recipe=dirty is not allowed. Allowed: robust, clean"):
+        dataclasses.replace(config, recipe="dirty")
     assert "undisturbed demonstrations alone" in (tmp_path / "clean" / "leaderboard.html").read_text()
     assert "pull-back" in (tmp_path / "LEADERBOARD.md").read_text()
     shutil.rmtree(tmp_path / "entries")
@@ -314,7 +314,7 @@ def test_an_arm_that_stands_as_it_usually_does_is_not_held_against_itself(transf
     assert {*table.setting} == {"embodied", "best"} and table.p2_arm_p.isna().all()
 
 
-@pytest.mark.parametrize("recipe", SHIPPED)
+@pytest.mark.parametrize("recipe", RECIPES)
 def test_what_is_published_is_what_the_published_rows_say(recipe):
     """Counted once more, without the code of the leaderboard but for which rows count."""
     root = Path(__file__).parents[1] / "results"

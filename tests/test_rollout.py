@@ -88,7 +88,7 @@ def test_the_policy_solves_its_own_arm(episodes):
 def test_a_policy_is_found_by_its_recipe_seed_and_rank():
     assert checkpoint_folder(43, 2).name == "seed43-2"
     assert checkpoint_folder(43, 2, "clean").name == "clean-seed43-2"
-    with pytest.raises(SettingError, match="recipe=dirty is not allowed. Allowed: robust, clean, pair"):
+    with pytest.raises(SettingError, match="recipe=dirty is not allowed. Allowed: robust, clean"):
         dataclasses.replace(CONFIG, recipe="dirty")
 
 

@@ -5,9 +5,7 @@ import pytest
 
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import WandbConfig
-from benchmark.settings.recipe import RECIPES
 from benchmark.source_policies import SourcePoliciesConfig, log_validation, markdown, publish, ranking, trainings
-from benchmark.training.recipes import MADE_BY
 
 
 def candidates(folder, *scores):
@@ -89,7 +87,7 @@ def test_every_seed_trains_on_the_recipes_data():
     config = SourcePoliciesConfig(recipe="clean")
     assert [training.seed for training in trainings(config)] == [42, 43, 44]
     data = trainings(config)[0].demonstrations
-    assert data.share_noise == data.share_bursts == data.share_wide == data.share_on_policy == 0
+    assert data.share_noise == data.share_bursts == data.share_wide == data.share_crowded == 0
 
 
 @pytest.mark.parametrize(
@@ -104,7 +102,3 @@ def test_candidates_are_the_same_policy_whatever_is_kept(tmp_path):
     kept, last = (SourcePoliciesConfig(candidates=steps, best=1) for steps in ([8000, 9000], [9000]))
     assert trainings(kept)[0].states == trainings(last)[0].states
     assert trainings(kept)[0].checkpoints[9000] == trainings(last)[0].checkpoints[9000]
-
-
-def test_every_recipe_that_can_be_asked_for_can_be_made():
-    assert set(MADE_BY) == set(RECIPES)

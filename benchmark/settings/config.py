@@ -213,7 +213,7 @@ class RunConfig:
     """Number of episodes per lambda; a whole number >= 1."""
     recipe: str = USUAL
     """What the policy learned from: robust (episodes most of which are disturbed on purpose) or clean (undisturbed
-    episodes alone, as in the paper), both of which ship, or pair (see benchmark.source_policies)."""
+    episodes alone, as in the paper)."""
     seed: int = 42
     """Training seed of the policy, a whole number >= 0."""
     checkpoint: int = 1

@@ -9,21 +9,17 @@ USUAL = "robust"
 RECIPES = {
     USUAL: "demonstrations most of which were disturbed on purpose, the paper's from undisturbed ones",
     "clean": "1,000 undisturbed demonstrations alone, like the paper's",
-    "pair": "demonstrations most of which were disturbed on purpose, with the oracle's own geometry in the inputs",
 }
 """What the policies of each learned from."""
 
-SHIPPED = (USUAL, "clean")
-"""Those whose policies ship with the project."""
 
-
-def check_recipe(recipe: str, allowed: tuple[str, ...] = tuple(RECIPES)) -> None:
+def check_recipe(recipe: str) -> None:
     """Refuse a recipe that is not there.
 
     Raises:
         SettingError: If it is not allowed.
     """
-    check_setting(recipe in allowed, "recipe", recipe, ", ".join(allowed))
+    check_setting(recipe in RECIPES, "recipe", recipe, ", ".join(RECIPES))
 
 
 def policy_name(recipe: str, seed: int | str, rank: int | str) -> str:

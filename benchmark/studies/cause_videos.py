@@ -12,7 +12,7 @@ import numpy as np
 from benchmark.artifacts.outputs import replacing
 from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.config import ORACLE_METHODS, TASK_ARMS, RunConfig, check_folder
-from benchmark.settings.recipe import SHIPPED
+from benchmark.settings.recipe import RECIPES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -62,7 +62,7 @@ def main(config: CauseVideosConfig) -> None:
     failed = failed[~failed.method.isin(ORACLE_METHODS.values())] if len(failed) else failed
     if not len(failed):
         raise SettingError(f"{config.episodes} holds no failed episodes. Make some: python -m benchmark.run robot=ur3")
-    tried, shown = examples(failed, code_version(), set().union(*map(shipped, SHIPPED))), []
+    tried, shown = examples(failed, code_version(), set().union(*map(shipped, RECIPES))), []
     for cause, rows in tried.groupby("failure_cause", sort=False):
         file = output_dir / "figures" / "causes" / f"{cause}.webp"
         for row in rows.to_dict("records"):

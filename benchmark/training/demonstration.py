@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -13,7 +12,6 @@ import envs
 from benchmark.settings.config import SOURCE
 from benchmark.training.detour import detour
 from benchmark.training.disturbance import Disturbance
-from benchmark.training.drive import Drive
 from envs.block_push.oracle import PLACED, PLANS, Oracle
 from envs.block_push.scene import START, Scene, draw_crowded_scene, draw_wide_scene
 
@@ -29,7 +27,7 @@ class Demonstration:
 
     seed: int
     kind: str
-    """clean, noise, bursts, wide, crowded or on_policy: what was done to the executed actions and to the scene."""
+    """clean, noise, bursts, wide or crowded: what was done to the executed actions and to the scene."""
     attempts: int
     """Episodes played until this one."""
     observations: Float[np.ndarray, "n 16"]
@@ -53,7 +51,6 @@ def demonstrate(
     kind: str,
     burst_probability: float = 0.03,
     detours: bool = True,
-    driver: Path | None = None,
 ) -> Demonstration:
     """Plays the oracle with the kind's disturbances until an episode succeeds.
 
@@ -65,7 +62,6 @@ def demonstrate(
         kind: What is done to the executed actions and to the scene (`Demonstration.kind`).
         burst_probability: Chance per step of a burst, in the kinds that have some.
         detours: Whether the oracle's straight ways bend around blocks, but in clean episodes.
-        driver: Folder of the policy that drives now and then in the kind `on_policy`.
 
     Raises:
         RuntimeError: No attempt succeeded.
@@ -73,7 +69,7 @@ def demonstrate(
     for attempt in range(1, ATTEMPTS + 1):
         rng = np.random.default_rng((seed, attempt))
         scene = _unusual_scene(rng, SCENES[kind]) if kind in SCENES else None
-        disturbance = Drive(driver, seed, rng) if kind == "on_policy" else Disturbance(kind, burst_probability, rng)
+        disturbance = Disturbance(kind, burst_probability, rng)
         demonstration = _play(env, seed, kind, attempt, scene, disturbance, detours)
         if demonstration.successes[-1] or kind == "clean":
             return demonstration
@@ -86,7 +82,7 @@ def _play(
     kind: str,
     attempt: int,
     scene: Scene | None,
-    disturbance: Disturbance | Drive,
+    disturbance: Disturbance,
     detours: bool,
 ) -> Demonstration:
     observation, info = env.reset(seed=seed, options=None if scene is None else {"scene": scene})
@@ -98,7 +94,7 @@ def _play(
         label = oracle(observation)
         if detours and kind != "clean":
             label = around_blocks(oracle, label, observation)
-        executed, restart = disturbance(label, observation)
+        executed, restart = disturbance(label)
         following, reward, terminated, truncated, info = env.step(executed.astype(np.float32))
         steps.append((observation, label, reward, info["is_success"]))
         if restart and oracle.phase in ("push", "orient_left", "orient_right"):

@@ -39,8 +39,7 @@ def simulate(config: CollectConfig, chunks: Path) -> None:
 def _simulate_chunk(config: CollectConfig, seeds: range, chunks: Path) -> None:
     """Worker: one chunk of episodes, stored in one atomic step."""
     env = source_env()
-    driver = Path(config.driver) if config.driver else None
-    how = (config.burst_probability, config.detours, driver)
+    how = (config.burst_probability, config.detours)
     episodes = [demonstrate(env, seed, _kind(config, seed), *how) for seed in seeds]
     path = _chunk_path(chunks, seeds)
     partial = path.with_suffix(f".{os.getpid()}.tmp")
@@ -57,7 +56,6 @@ def _kind(config: CollectConfig, seed: int) -> str:
         "bursts": config.share_bursts,
         "wide": config.share_wide,
         "crowded": config.share_crowded,
-        "on_policy": config.share_on_policy,
     }
     for kind, share in shares.items():
         if draw < share:

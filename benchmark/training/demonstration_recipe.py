@@ -1,9 +1,7 @@
 """Which demonstrations the oracle gives: how many, and how they are disturbed."""
 
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
-from benchmark.artifacts.checkpoint import Checkpoint
 from benchmark.settings.command import check_setting
 from benchmark.settings.config import check_folder, check_seeds
 
@@ -24,14 +22,10 @@ class CollectConfig:
     """Share of episodes like the last kind that also start from scenes all over the table."""
     share_crowded: float = 0.1
     """Share of episodes like the last kind but with a block in or at a target, and other things close by."""
-    share_on_policy: float = 0.0
-    """Share of episodes in which an earlier policy drives for 5 to 49 steps now and then."""
     burst_probability: float = 0.03
     """Chance per step that a burst begins, in the kinds that have bursts."""
     detours: bool = True
     """Whether the oracle's ways between pushes bend around blocks, but in clean episodes; its own are straight."""
-    driver: str = ""
-    """Checkpoint folder of the policy that drives; needed if share_on_policy is above 0."""
     output_dir: str = "demonstrations/robust"
     """Folder of the dataset."""
     workers: int = 2
@@ -42,19 +36,13 @@ class CollectConfig:
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         check_seeds(self.seed_start, self.episodes)
         check_folder(self.output_dir)
-        shares = ("share_noise", "share_bursts", "share_wide", "share_crowded", "share_on_policy")
+        shares = ("share_noise", "share_bursts", "share_wide", "share_crowded")
         for name in (*shares, "burst_probability"):
             check_setting(0 <= getattr(self, name) <= 1, name, getattr(self, name), "a number from 0 to 1")
         total = sum(getattr(self, name) for name in shares)
         check_setting(total <= 1 + 1e-9, " + ".join(shares), total, "a sum of 1 at most; the rest is clean")
-        driven, weights = self.share_on_policy > 0, Path(self.driver) / "model.safetensors"
-        known = weights.exists() if driven else not self.driver
-        check_setting(known, "driver", self.driver, "a checkpoint's folder with share_on_policy above 0, else nothing")
 
     @property
     def recipe(self) -> dict[str, object]:
         """What decides the data: everything but where they are stored and how many processes work."""
-        values = {key: value for key, value in asdict(self).items() if key not in ("output_dir", "workers")}
-        if self.driver:
-            values["driver"] = Checkpoint(Path(self.driver)).policy_hash
-        return values
+        return {key: value for key, value in asdict(self).items() if key not in ("output_dir", "workers")}

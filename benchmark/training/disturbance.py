@@ -34,11 +34,8 @@ class Disturbance:
         self._wrong = np.zeros(2)
         self._share = 0.0
 
-    def __call__(
-        self, label: Float[np.ndarray, "2"], observation: Float[np.ndarray, "16"]
-    ) -> tuple[Float[np.ndarray, "2"], bool]:
+    def __call__(self, label: Float[np.ndarray, "2"]) -> tuple[Float[np.ndarray, "2"], bool]:
         """Executed action in [m], and whether the oracle should approach the block anew after it."""
-        del observation  # `benchmark.training.drive.Drive` looks at it; these mistakes are blind.
         if self._steps_left == 0 and self._bursting and self._rng.random() < self._burst_probability:
             self._begin_burst()
         if self._steps_left > 0:

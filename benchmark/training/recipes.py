@@ -2,13 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from benchmark.settings.recipe import USUAL
 from benchmark.training.demonstration_recipe import CollectConfig
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True)
@@ -25,7 +22,6 @@ CLEAN = CollectConfig(share_noise=0, share_bursts=0, share_wide=0, share_crowded
 
 MADE_BY = {
     USUAL: Recipe(CollectConfig()),
-    "pair": Recipe(CollectConfig(), {"features": "pair"}),
     "clean": Recipe(CLEAN, {"displacement": 0.005, "n_obs_steps": 1}),
 }
 """How the policies of each of `benchmark.settings.recipe.RECIPES` are made."""
