@@ -11,11 +11,12 @@ from envs.arm.feasibility import table_feasibility
 from envs.block_push.aware_oracle import AwareOracle
 from envs.block_push.oracle import run_oracle
 from envs.block_push.outcome import summarize
+from envs.block_push.workspace import WORKSPACE
 
 
 def play(robot, seeds, spacing):
     env = gymnasium.make(ENVIRONMENTS[robot], disable_env_checker=True)
-    oracle = functools.partial(AwareOracle, table_feasibility(env.unwrapped.arm, spacing))
+    oracle = functools.partial(AwareOracle, table_feasibility(env.unwrapped.arm, spacing, WORKSPACE))
     return [run_oracle(env, seed, oracle) for seed in seeds]
 
 

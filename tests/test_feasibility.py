@@ -11,6 +11,7 @@ from envs.arm.arms import HEIGHT, arm_setting, make_kinematics, start_posture
 from envs.arm.feasibility import Feasibility, table_feasibility
 from envs.arm.inverse_kinematics import MAX_TURN
 from envs.block_push.scene import START
+from envs.block_push.workspace import WORKSPACE
 from richmap.motion.closed_form import branches
 from richmap.motion.collision import self_collision
 from richmap.robots.robots import load_robot
@@ -29,7 +30,7 @@ starts at x = .15 m does not show what is nearer."""
 
 @functools.cache
 def usual_table(robot, wrist):
-    return table_feasibility(arm_setting(robot, wrist=wrist), spacing=0.04)
+    return table_feasibility(arm_setting(robot, wrist=wrist), 0.04, WORKSPACE)
 
 
 def radii(table):
@@ -78,7 +79,7 @@ def test_the_cause_is_what_binds():
 
 
 def test_where_nothing_binds_nothing_but_reach_and_branch_is_a_cause():
-    table = table_feasibility(arm_setting("ur10", "original"), spacing=0.04)
+    table = table_feasibility(arm_setting("ur10", "original"), 0.04, WORKSPACE)
     assert set(np.unique(table.cause)) <= {Feasibility.FEASIBLE, Feasibility.OUT_OF_REACH, Feasibility.WRONG_BRANCH}
     assert table.feasible.sum() > usual_table("ur10", "out").feasible.sum()
 
@@ -88,7 +89,7 @@ def test_joint_limits_are_told_from_reach(monkeypatch):
     robot = load_robot("ur3")
     upper = np.where(np.arange(6) == 2, np.pi / 2, robot.upper)
     monkeypatch.setattr("envs.arm.feasibility.load_robot", lambda name: SimpleNamespace(lower=robot.lower, upper=upper))
-    table = table_feasibility(arm_setting("ur3", self_collision=False), spacing=0.05)
+    table = table_feasibility(arm_setting("ur3", self_collision=False), 0.05, WORKSPACE)
     near = (radii(table) > 0.24) & (radii(table) < 0.30)
     assert set(table.cause[near]) == {Feasibility.JOINT_LIMIT}
     assert table.feasible[(radii(table) > 0.5) & (radii(table) < 0.55)].all()
@@ -104,10 +105,10 @@ def test_moving_base_and_box_together_changes_nothing():
 
 def test_an_arm_that_goes_there_in_short_steps_arrives_where_it_is_feasible_and_only_there():
     setting = arm_setting("ur3", base=(0.05, 0.0, 0.0))
-    table = table_feasibility(setting, spacing=0.05)
+    table = table_feasibility(setting, 0.05, WORKSPACE)
     kinematics = make_kinematics(setting)
     rng = np.random.default_rng(0)
-    start = start_posture(kinematics, setting)
+    start = start_posture(kinematics, setting, START)
     for i, j in rng.integers(0, table.cause.shape, (12, 2)):
         goal, joints = np.array([table.x[i], table.y[j]]), start
         way = np.linspace(START, (0.3, 0.0), 41)[1:], np.linspace((0.3, 0.0), goal, 41)[1:]
@@ -131,7 +132,7 @@ def test_clearance_is_the_distance_to_the_edge():
 
 
 def test_where_all_or_nothing_is_feasible_no_edge_is_near():
-    table = table_feasibility(arm_setting("ur5", "original"), spacing=0.1)
+    table = table_feasibility(arm_setting("ur5", "original"), 0.1, WORKSPACE)
     assert table.feasible.all() and (table.clearance(np.array([[0.4, 0.0]])) > 0.5).all()
     nothing = replace(table, cause=np.full_like(table.cause, Feasibility.OUT_OF_REACH))
     assert (nothing.clearance(np.array([[0.4, 0.0]])) < -0.5).all()
@@ -139,4 +140,4 @@ def test_where_all_or_nothing_is_feasible_no_edge_is_near():
 
 def test_a_spacing_that_is_none_is_refused():
     with pytest.raises(ValueError, match="spacing must be above 0 and at most 0.55 m.*Got 0"):
-        table_feasibility(arm_setting("ur3"), spacing=0.0)
+        table_feasibility(arm_setting("ur3"), 0.0, WORKSPACE)

@@ -23,7 +23,7 @@ def travel(kinematics, joints, start, end, steps=40):
 def test_start_posture_is_exact_and_in_its_branch(robot, wrist):
     setting = arm_setting(robot, wrist=wrist)
     kinematics = make_kinematics(setting)
-    joints = start_posture(kinematics, setting)
+    joints = start_posture(kinematics, setting, START)
     assert kinematics.flange(joints) == pytest.approx([*START, HEIGHT], abs=1e-5)
     assert kinematics.wrist(joints) == wrist
     assert (joints >= load_robot(robot).lower).all() and (joints <= load_robot(robot).upper).all()
@@ -32,14 +32,14 @@ def test_start_posture_is_exact_and_in_its_branch(robot, wrist):
 def test_ur3_cannot_reach_the_start_with_its_wrist_in():
     with pytest.raises(ValueError, match="ur3 .* wrist in cannot hold the tool .* 111 mm away"):
         setting = arm_setting("ur3", wrist="in")
-        start_posture(make_kinematics(setting), setting)
+        start_posture(make_kinematics(setting), setting, START)
 
 
 @pytest.mark.parametrize("robot", ARMS)
 def test_five_iterations_a_step_follow_a_line_across_the_table(robot):
     setting = arm_setting(robot)
     kinematics = make_kinematics(setting)
-    joints = start_posture(kinematics, setting)
+    joints = start_posture(kinematics, setting, START)
     postures = list(travel(kinematics, joints, np.array(START), (0.32, 0.2)))
     assert max(posture.residual for posture in postures) < 1e-4
     assert max(posture.tilt for posture in postures) < 1e-3
@@ -50,7 +50,7 @@ def test_five_iterations_a_step_follow_a_line_across_the_table(robot):
 def test_beyond_its_reach_a_ur3_gives_up_position_not_the_upright_tool():
     setting = arm_setting("ur3")
     kinematics = make_kinematics(setting)
-    joints = start_posture(kinematics, setting)
+    joints = start_posture(kinematics, setting, START)
     *_, last = travel(kinematics, joints, np.array(START), (0.6, -0.2), steps=20)
     reach = np.linalg.norm(kinematics.flange(last.joints)[:2])
     assert reach == pytest.approx(0.554, abs=0.003)  # Its outer reach with the tool down.
@@ -62,7 +62,7 @@ def test_beyond_its_reach_a_ur3_gives_up_position_not_the_upright_tool():
 def test_coming_back_from_beyond_its_reach_the_elbow_is_still_up():
     setting = arm_setting("ur3")
     kinematics = make_kinematics(setting)
-    out = list(travel(kinematics, start_posture(kinematics, setting), np.array(START), (0.6, -0.2), steps=20))
+    out = list(travel(kinematics, start_posture(kinematics, setting, START), np.array(START), (0.6, -0.2), steps=20))
     back = list(travel(kinematics, out[-1].joints, np.array([0.6, -0.2]), (0.35, 0.0), steps=20))
     assert back[-1].residual < 1e-4
     assert back[-1].joints[2] > 0
@@ -73,7 +73,7 @@ def test_a_heavier_position_lets_the_tool_tilt():
     for weight in (1.0, 0.1):
         setting = arm_setting("ur3", orientation_weight=weight)
         kinematics = make_kinematics(setting)
-        joints = start_posture(kinematics, setting)
+        joints = start_posture(kinematics, setting, START)
         *_, last = travel(kinematics, joints, np.array(START), (0.6, -0.2), steps=20)
         tilts.append(last.tilt)
     assert tilts[1] > 5 * tilts[0]
@@ -82,7 +82,7 @@ def test_a_heavier_position_lets_the_tool_tilt():
 def test_few_iterations_come_as_near_as_many():
     setting = arm_setting("ur10", "original")
     kinematics = make_kinematics(setting)
-    joints = start_posture(kinematics, setting)
+    joints = start_posture(kinematics, setting, START)
     excess = []
     for posture in travel(kinematics, joints, np.array(START), (0.16, 0.05), steps=30):
         flange = kinematics.flange(posture.joints)

@@ -16,6 +16,7 @@ from benchmark.studies.place_bases import (
     markdown,
 )
 from envs.arm.arms import ARMS, SETTINGS, make_kinematics, start_posture
+from envs.block_push.scene import START
 from richmap.maps.base_placement import BasePlacement
 
 BASES = np.array([(x, y, 0.0, 0.0) for x, y in product(PLACES_X, PLACES_Y)])
@@ -64,4 +65,4 @@ def test_a_ur3_does_more_of_a_path_that_is_nearer():
 @pytest.mark.parametrize("robot", ARMS)
 def test_every_arm_can_start_where_it_stands_best(robot):
     setting = SETTINGS["best"][robot]
-    start_posture(make_kinematics(setting), setting)
+    start_posture(make_kinematics(setting), setting, START)

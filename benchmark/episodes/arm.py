@@ -117,6 +117,7 @@ def stored_arms(episodes: "pd.DataFrame", robots: Sequence[str], settings: Seque
 def _able(arm: "ArmSetting") -> "ArmSetting":
     """The arm, if it can hold its tool over the task's start."""
     from envs.arm.arms import make_kinematics, start_posture
+    from envs.block_push.scene import START
 
-    start_posture(make_kinematics(arm), arm)
+    start_posture(make_kinematics(arm), arm, START)
     return arm

@@ -75,8 +75,9 @@ def play_chunk(chunk: tuple[ArmOracle, tuple[int, ...]]) -> "list[EpisodeOutcome
 def _table(arm: "ArmSetting") -> "TableFeasibility":
     """Where the arm can hold its tool; once per worker process, since it takes seconds."""
     from envs.arm.feasibility import table_feasibility
+    from envs.block_push.workspace import WORKSPACE
 
-    return table_feasibility(arm, spacing=0.01)
+    return table_feasibility(arm, 0.01, WORKSPACE)
 
 
 @lru_cache(maxsize=2)

@@ -102,9 +102,10 @@ class OracleCondition:
     def can_start(self) -> bool:
         """Whether the arm can hold its tool over the task's start."""
         from envs.arm.arms import make_kinematics, start_posture
+        from envs.block_push.scene import START
 
         try:
-            start_posture(make_kinematics(self.arm), self.arm)
+            start_posture(make_kinematics(self.arm), self.arm, START)
         except ValueError:
             return False
         return True
@@ -214,8 +215,9 @@ def feasibility_table(robot: str, setting: str, spacing: float) -> "TableFeasibi
     """Where the arm can hold its tool upright in this setting."""
     from envs.arm.arms import arm_setting
     from envs.arm.feasibility import table_feasibility
+    from envs.block_push.workspace import WORKSPACE
 
-    return table_feasibility(arm_setting(robot, setting), spacing)
+    return table_feasibility(arm_setting(robot, setting), spacing, WORKSPACE)
 
 
 TEXT = """# What the arms allow

@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Float
 
 from envs.arm.inverse_kinematics import InverseKinematics
-from envs.block_push.scene import START
 from richmap.robots.robots import load_robot
 
 ARMS = ("xarm6", "ur3", "ur5", "ur10")
@@ -127,20 +126,22 @@ def arm_setting(
     return chosen
 
 
-def start_posture(kinematics: InverseKinematics, setting: ArmSetting) -> Float[np.ndarray, " dof"]:
-    """Joint angles at the start of an ordinary episode, in [rad], in the branch that the setting names.
+def start_posture(
+    kinematics: InverseKinematics, setting: ArmSetting, start: tuple[float, float]
+) -> Float[np.ndarray, " dof"]:
+    """Joint angles over the task's start, xy in [m], in [rad], in the branch that the setting names.
 
     Raises:
         ValueError: If the arm cannot hold its tool there in that branch.
     """
-    point = np.array([*START, HEIGHT])
+    point = np.array([*start, HEIGHT])
     seed = np.array(POSTURES[setting.robot, setting.wrist])
-    seed[0] += np.arctan2(START[1] - setting.base[1], START[0] - setting.base[0])
+    seed[0] += np.arctan2(start[1] - setting.base[1], start[0] - setting.base[0])
     posture = kinematics.solve(point, seed, iterations=300, max_turn=np.inf)
     if posture.residual > 1e-4 or kinematics.wrist(posture.joints) != setting.wrist:
         raise ValueError(
             f"{setting.robot} with its base at {setting.base} m and its wrist {setting.wrist} cannot hold "
-            f"the tool upright over the start (0.3, -0.4) m: it stays {1000 * posture.residual:.0f} mm away. "
+            f"the tool upright over the start {start} m: it stays {1000 * posture.residual:.0f} mm away. "
             f"Choose another base or wrist."
         )
     return posture.joints

@@ -10,7 +10,6 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import distance_transform_edt
 
 from envs.arm.arms import HEIGHT, POSTURES, ArmSetting, make_kinematics
-from envs.block_push.workspace import WORKSPACE
 from richmap.motion.collision import self_collision
 from richmap.robots.robots import load_robot
 
@@ -80,9 +79,7 @@ class TableFeasibility:
         return RegularGridInterpolator((self.x, self.y), distance)
 
 
-def table_feasibility(
-    setting: ArmSetting, spacing: float = 0.02, box: Float[np.ndarray, "2 2"] = WORKSPACE
-) -> TableFeasibility:
+def table_feasibility(setting: ArmSetting, spacing: float, box: Float[np.ndarray, "2 2"]) -> TableFeasibility:
     """`feasibility` on a grid over the table.
 
     Args:

@@ -91,7 +91,7 @@ class BlockPushEnv(gymnasium.Env):
         base_position = np.array(self.arm.base)
         self._lower, self._upper = description.lower, description.upper
         self._kinematics = make_kinematics(self.arm)
-        self._start = start_posture(self._kinematics, self.arm)
+        self._start = start_posture(self._kinematics, self.arm, START)
         self._simulation = BlockPushSimulation(
             robot,
             base_position,

@@ -4,7 +4,8 @@ import math
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-from richmap.motion.kinematics import joint_frames
+import pinocchio
+
 from richmap.robots.mjcf import LEAST_INERTIA, LEAST_MASS, urdf_from_mjcf
 from richmap.robots.robot import RobotDescription
 from richmap.robots.shape import Shape
@@ -59,7 +60,7 @@ def custom_robot(path: str | Path, base: str, end_effector: str) -> RobotDescrip
         licence="unknown",
     )
     try:
-        joint_frames(robot)
+        pinocchio.buildModelFromXML(robot.urdf)
     except ValueError as error:
         raise ValueError(f"{path} is no URDF that Pinocchio reads: {error}") from error
     return robot

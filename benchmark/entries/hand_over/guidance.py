@@ -14,6 +14,7 @@ from envs.block_push.aware_pusher import AwarePusher
 from envs.block_push.block_ways import BlockWays
 from envs.block_push.oracle import ORIENT_ABOVE, ORIENT_RADIUS, quarter_turn_error
 from envs.block_push.success import inside
+from envs.block_push.workspace import WORKSPACE
 from policies.block_push.push_reach import overreach
 from policies.guidance import FLANGE_HEIGHT, Guidance
 from richmap.similarity.energy import EnergyField
@@ -132,5 +133,5 @@ def table_of(robot: str, base: tuple[float, float]) -> TableFeasibility:
     """
     for arm in (arm_setting(robot, setting) for setting in ("embodied", "best")):
         if arm.base[:2] == base:
-            return table_feasibility(arm, SPACING)
+            return table_feasibility(arm, SPACING, WORKSPACE)
     raise ValueError(f"No {robot} of the settings embodied and best stands at {base} m.")
