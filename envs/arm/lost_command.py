@@ -1,17 +1,17 @@
-"""Lost command."""
+"""What keeps an arm from its command: causes of failure that are the arm's, whatever the task."""
 
 import numpy as np
+
+ARM_CAUSES = ("outer_reach", "near_base_fold", "joint_limit", "self_collision", "ik_branch", "arm_blocked")
 
 LOST = 0.01
 """Command and flange are farther apart than this, in [m], when an arm cannot follow; in ordinary motion they
 are 3 mm apart at most."""
-
-
 AT_LIMIT = 0.02
 """A joint this close to its limit, in [rad], is held by it."""
 
 
-def _cause_of_loss(record: dict[str, np.ndarray], lost: slice) -> str:
+def cause_of_loss(record: dict[str, np.ndarray], lost: slice) -> str:
     """What keeps the arm from its command in these steps.
 
     Links in contact: self-collision. A joint at a limit that binds: that. Inverse kinematics that misses its point:

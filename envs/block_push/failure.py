@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float
 
-from envs.arm.lost_command import LOST, _cause_of_loss
+from envs.arm.lost_command import ARM_CAUSES, LOST, cause_of_loss
 
 LASTING = 10
 """Steps for which a fault must last without a break to count: a second; shorter ones are made good by the
@@ -32,12 +32,7 @@ PATIENCE = 100
 dithers; with one moving, and the arm doing as told, a loss or a tilt before them was made good."""
 
 CAUSES = (
-    "outer_reach",
-    "near_base_fold",
-    "joint_limit",
-    "self_collision",
-    "ik_branch",
-    "arm_blocked",
+    *ARM_CAUSES,
     "tool_tilt",
     "block_out_of_workspace",
     "block_tipped",
@@ -73,7 +68,7 @@ def _events(record: dict[str, np.ndarray], workspace: Float[np.ndarray, "2 2"]) 
     return [
         (int(tipped.argmax()), "block_tipped") if tipped.any() else None,
         (_start_of_last_run(outside), "block_out_of_workspace") if outside[-1] else None,
-        (lost.start, _cause_of_loss(record, lost)) if lost else None,
+        (lost.start, cause_of_loss(record, lost)) if lost else None,
         (tilted.start, "tool_tilt") if tilted else None,
     ]
 

@@ -1,0 +1,103 @@
+"""Block push: push two blocks into two targets, one each, the tool upright at one height."""
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from envs import ENVIRONMENTS, MAX_EPISODE_STEPS
+from envs.block_push.failure import CAUSES
+from envs.block_push.outcome import EpisodeOutcome, summarize
+from envs.block_push.scene import draw_scene
+from envs.block_push.workspace import CONTROL_FREQUENCY
+from envs.task import Controller, Score, Task, Trait
+
+SPACING = 0.01
+"""Of the grid on which the oracle that knows its arm has where that can hold its tool, in [m]."""
+
+
+def make(arm: Any, render_mode: str | None = None) -> gymnasium.Env:
+    """The environment on an arm (`envs.arm.arms.ArmSetting`)."""
+    return gymnasium.make(
+        ENVIRONMENTS[arm.robot],
+        setting=arm.name,
+        base=arm.base,
+        wrist=arm.wrist,
+        self_collision=arm.self_collision,
+        orientation_weight=arm.orientation_weight,
+        obs_type="environment_state_agent_pos",
+        render_mode=render_mode,
+    )
+
+
+def plain_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
+    """The original's scripted expert."""
+    from envs.block_push.oracle import Oracle
+
+    return lambda info: _acting_on_dict(Oracle(info["mode"]))
+
+
+def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
+    """The expert that goes only where the arm can hold its tool; it takes seconds to find where."""
+    from envs.arm.feasibility import table_feasibility
+    from envs.block_push.aware_oracle import AwareOracle
+
+    table = table_feasibility(arm, SPACING)
+    return lambda info: _acting_on_dict(AwareOracle(table, info["mode"]))
+
+
+def _acting_on_dict(oracle: Callable[[np.ndarray], np.ndarray]) -> Controller:
+    """Puts the 16-D state together again (`envs.block_push.environment`)."""
+
+    def act(observation: dict[str, np.ndarray]) -> np.ndarray:
+        scene = observation["environment_state"]
+        return oracle(np.concatenate([scene[:6], observation["agent_pos"], scene[6:]]))
+
+    return act
+
+
+def far_target_first(episodes: Any) -> Any:
+    """1 where the first block that entered a target entered the farther one, 0 for the nearer, NaN for none."""
+    return episodes.first_target.map({"far": 1.0, "near": 0.0}).astype(float)
+
+
+TRAITS_TEXT = """*Farther first*: of episodes in which
+a block entered a target, those in which the first one entered the farther target; its difference is over the episodes
+in which one did either way. *Order changed*: of these episodes, those in which another block or target was first. The
+others are shares of an episode's steps (means over episodes), whose intervals have no width where no episode differs:
+*near base* within 0.235 m of the base axis; *rectangle*
+in the paper's dangerous one, in its two readings; *outer reach* beyond 0.54 m."""
+
+BLOCK_PUSH = Task(
+    name="block_push",
+    description="Push each block into a target of its own.",
+    make=make,
+    max_episode_steps=MAX_EPISODE_STEPS,
+    control_frequency=CONTROL_FREQUENCY,
+    draw_scene=draw_scene,
+    outcome=EpisodeOutcome,
+    summarize=summarize,
+    success="p2",
+    scores=(
+        Score("score", "0.49 for some block in a target and 1 for both"),
+        Score("p1", "some block in a target"),
+        Score("p2", "both in different targets at one moment"),
+        Score("success_at_end", "both still there one second later"),
+    ),
+    ranking=("p2", "success_at_end", "p1", "score"),
+    causes=CAUSES,
+    history=(),
+    features="block_push",
+    plain_oracle=plain_oracle,
+    aware_oracle=aware_oracle,
+    plan=("first_block", "first_target"),
+    traits=(
+        Trait("far_target_first", "farther first", far_target_first),
+        Trait("share_near_base", "near base"),
+        Trait("share_rectangle_a", "rectangle, axes turned"),
+        Trait("share_rectangle_b", "rectangle, centred on the table"),
+        Trait("share_outer_reach", "outer reach"),
+    ),
+    traits_text=TRAITS_TEXT,
+)

@@ -1,0 +1,168 @@
+"""A task: what is asked of an arm, said once and read by table, scores, documents and methods alike."""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from types import UnionType
+from typing import Any, get_args, get_type_hints
+
+import gymnasium
+import numpy as np
+
+type Controller = Callable[[dict[str, np.ndarray]], np.ndarray]
+"""Acts on the environment's observation, a dict of `agent_pos` and `environment_state`."""
+
+type OracleOnArm = Callable[[Any], Callable[[dict[str, Any]], Controller]]
+"""Prepares a scripted expert for an arm; what that gives makes a controller from the info of an episode's reset."""
+
+NEEDED = ("length", "failure_cause")
+"""Columns that every task's outcome has: control steps, and the cause of failure or None."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """A column of the outcome that counts: yes or no, or a number from 0 to 1; more is better."""
+
+    name: str
+    text: str
+    """What it is, as in "p2 is both blocks in different targets at one moment"."""
+
+
+@dataclass(frozen=True)
+class Trait:
+    """What guidance may change about an episode besides its scores."""
+
+    name: str
+    title: str
+    """Of its column in documents."""
+    of: Callable[[Any], Any] | None = None
+    """Its value in each row of a data frame of episodes, as a series: a number from 0 to 1, NaN where an episode has
+    none. None for the outcome's column of that name, a share of the episode's steps."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """From when on the same seed gives another row."""
+
+    settings: tuple[str, ...]
+    """Of these settings; () for all."""
+    text: str
+    """What changed, in a line."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is asked of an arm.
+
+    A value: its functions are defined at the top of a module, so that a worker process can be sent a task, and import
+    what is slow to import only when they are called, so that naming a task costs nothing.
+
+    Raises:
+        ValueError: If what it says does not fit together.
+    """
+
+    name: str
+    """In settings, folders and the column `task`: lower case, digits and _."""
+    description: str
+    """What is to be done, one sentence; the language that goes with demonstrations."""
+    make: Callable[..., gymnasium.Env]
+    """`make(arm, render_mode=None)` gives the environment on an arm, by `gymnasium.make`. Its observation is a dict of
+    `agent_pos` and `environment_state`, as LeRobot has it; its infos are what `summarize` reads."""
+    max_episode_steps: int
+    """Control steps after which an episode is cut off."""
+    control_frequency: int
+    """Control steps per second."""
+    draw_scene: Callable[[int], Any]
+    """The scene of an episode's seed; `reset(seed=seed)` places it."""
+    outcome: type
+    """Frozen dataclass of the task's columns in the table of episodes, `NEEDED` and those of `scores` among them."""
+    summarize: Callable[[list[dict[str, Any]]], Any]
+    """The outcome of an episode from its infos: that of the reset, then that of every step."""
+    success: str
+    """Column that says whether an episode succeeded: it has no cause of failure then, and one else."""
+    scores: tuple[Score, ...]
+    """What counts, in the order in which it is shown."""
+    ranking: tuple[str, ...]
+    """Scores that the leaderboard shows; the first one ranks."""
+    causes: tuple[str, ...]
+    """Why an episode may fail: `envs.arm.lost_command.ARM_CAUSES`, then the task's own."""
+    history: tuple[Change, ...]
+    """Lines of `episode_version`; the newest last."""
+    features: str
+    """Package below `policies` that holds the task's features."""
+    plain_oracle: OracleOnArm | None = None
+    """The scripted expert that knows nothing of its arm: the reference."""
+    aware_oracle: OracleOnArm | None = None
+    """The one that knows what its arm can do: the ceiling."""
+    plan: tuple[str, ...] = ()
+    """Columns that say which way through the task an episode took, such as what it did first."""
+    traits: tuple[Trait, ...] = ()
+    traits_text: str = ""
+    """What `plan` and `traits` are, in a paragraph."""
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch("[a-z][a-z0-9_]*", self.name):
+            raise ValueError(f"A task's name is made of a-z, 0-9 and _. Got {self.name!r}.")
+        names = {each.name for each in fields(self.outcome)}
+        used = {*NEEDED, self.success, *self.plan, *(score.name for score in self.scores)}
+        if lacking := sorted(used - names):
+            raise ValueError(f"The outcome of the task {self.name} lacks {', '.join(lacking)}.")
+        strange = {*self.ranking} - {score.name for score in self.scores}
+        if strange or not self.ranking:
+            raise ValueError(
+                f"The task {self.name} ranks by {', '.join(strange) or 'nothing'}, which is none of its scores."
+            )
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """The outcome's columns and their types."""
+        return get_type_hints(self.outcome)
+
+    @property
+    def optional(self) -> tuple[str, ...]:
+        """Columns that may hold nothing."""
+        return tuple(
+            name for name, kind in self.columns.items() if isinstance(kind, UnionType) and type(None) in get_args(kind)
+        )
+
+    @property
+    def score_names(self) -> tuple[str, ...]:
+        """Names of `scores`."""
+        return tuple(score.name for score in self.scores)
+
+    def is_yes_or_no(self, score: str) -> bool:
+        """Whether a score is no number between."""
+        return self.columns[score] is bool
+
+    def episode_version(self, setting: str) -> int:
+        """How often the same seed came to give another row in a setting, and 1: rows of other versions are others'."""
+        return 1 + sum(not change.settings or setting in change.settings for change in self.history)
+
+    def oracle(self, name: str) -> OracleOnArm:
+        """The scripted expert of this name, plain or aware.
+
+        Raises:
+            ValueError: If the task has none.
+        """
+        oracles = {"plain": self.plain_oracle, "aware": self.aware_oracle}
+        there = {key: oracle for key, oracle in oracles.items() if oracle is not None}
+        if name not in there:
+            raise ValueError(f"The task {self.name} has no {name} oracle. It has: {', '.join(there) or 'none'}.")
+        return there[name]
+
+
+def play_oracle(env: gymnasium.Env, seed: int, make: Callable[[dict[str, Any]], Controller]) -> list[dict[str, Any]]:
+    """One episode of a scripted expert: the infos of the reset and of every step.
+
+    Args:
+        env: The task's environment, as `Task.make` gives it.
+        seed: Of the episode's scene.
+        make: What `Task.oracle` gives for the arm.
+    """
+    observation, info = env.reset(seed=seed)
+    controller, infos, over = make(info), [info], False
+    while not over:
+        observation, _, terminated, truncated, info = env.step(controller(observation))
+        infos.append(info)
+        over = terminated or truncated
+    return infos

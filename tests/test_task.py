@@ -1,0 +1,63 @@
+"""A task is a value that says what is asked of an arm."""
+
+import pickle
+from dataclasses import replace
+
+import gymnasium
+import pytest
+
+import envs
+from envs.arm.arms import arm_setting
+from envs.block_push.oracle import run_oracle
+from envs.block_push.task import BLOCK_PUSH
+from envs.task import Change, play_oracle
+from envs.tasks import TASKS, task_named
+
+
+@pytest.mark.parametrize("task", TASKS, ids=lambda task: task.name)
+def test_a_task_is_found_by_its_name_and_travels_to_other_processes(task):
+    assert task_named(task.name) is task and task_named("envs.tasks:BLOCK_PUSH") is BLOCK_PUSH
+    assert pickle.loads(pickle.dumps(task)) == task
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("juggling", "There is no task 'juggling'. Tasks: block_push, or one of your own as module:NAME"),
+        ("nowhere:TASK", "Task 'nowhere:TASK': importing nowhere raised ModuleNotFoundError"),
+        ("envs.tasks:TASKS", "Task 'envs.tasks:TASKS': envs.tasks has no TASKS that is an envs.task.Task"),
+    ],
+)
+def test_what_is_no_task_is_refused_in_a_line(name, said):
+    with pytest.raises(ValueError, match=said) as raised:
+        task_named(name)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"name": "Block push"}, "name is made of a-z, 0-9 and _. Got 'Block push'"),
+        ({"success": "won"}, "The outcome of the task block_push lacks won"),
+        ({"ranking": ("speed",)}, "ranks by speed, which is none of its scores"),
+        ({"ranking": ()}, "ranks by nothing"),
+    ],
+)
+def test_what_does_not_fit_together_is_refused(values, said):
+    with pytest.raises(ValueError, match=said):
+        replace(BLOCK_PUSH, **values)
+
+
+def test_a_line_of_history_raises_the_version_of_the_settings_that_it_names():
+    task = replace(BLOCK_PUSH, history=(Change((), "a"), Change(("best",), "b")))
+    assert [task.episode_version(setting) for setting in ("embodied", "best")] == [2, 3]
+
+
+def test_an_oracle_plays_the_same_episode_through_the_task_as_by_itself():
+    arm = arm_setting("xarm6")
+    infos = play_oracle(BLOCK_PUSH.make(arm), 100_003, BLOCK_PUSH.oracle("plain")(arm))
+    assert BLOCK_PUSH.summarize(infos) == BLOCK_PUSH.summarize(
+        run_oracle(gymnasium.make(envs.ENVIRONMENTS["xarm6"]), 100_003)
+    )
+    with pytest.raises(ValueError, match="The task block_push has no aware oracle. It has: plain"):
+        replace(BLOCK_PUSH, aware_oracle=None).oracle("aware")
