@@ -12,8 +12,9 @@ import envs
 from benchmark.settings.config import SOURCE
 from benchmark.training.detour import detour
 from benchmark.training.disturbance import Disturbance
-from envs.block_push.oracle import PLACED, PLANS, Oracle
-from envs.block_push.scene import START, Scene, draw_crowded_scene, draw_wide_scene
+from envs.block_push.oracle import PLANS, Oracle
+from envs.block_push.scene import Scene, draw_crowded_scene, draw_wide_scene
+from richmap.task_spaces.block_push import AT, BLOCKS, PLACED, START
 
 SCENES = {"wide": draw_wide_scene, "crowded": draw_crowded_scene}
 """By kind, for those with scenes of their own."""
@@ -115,7 +116,7 @@ def _play(
 def _as_at_start(observation: Float[np.ndarray, "16"]) -> Float[np.ndarray, "16"]:
     """The observation with the commanded effector at the usual start."""
     observation = observation.copy()
-    observation[8:10] = START
+    observation[AT["commanded"]] = START
     return observation
 
 
@@ -125,7 +126,7 @@ def around_blocks(
     """The oracle's step, led around the blocks that it would run into: its own ways are straight and blind."""
     if oracle.phase not in ("pre_block", "return", "origin"):
         return label
-    return detour(label, observation[8:10], oracle.goal, observation[0:6].reshape(2, 3)[:, :2])
+    return detour(label, observation[AT["commanded"]], oracle.goal, observation[BLOCKS].reshape(2, 3)[:, :2])
 
 
 def _unusual_scene(rng: np.random.Generator, draw: Callable[[np.random.Generator], Scene]) -> Scene:

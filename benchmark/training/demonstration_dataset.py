@@ -10,6 +10,7 @@ from lerobot.datasets import LeRobotDataset
 from benchmark.artifacts.progress import progress_bar
 from benchmark.settings.config import SOURCE
 from benchmark.training.demonstration import Demonstration
+from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
 TASK = "Push the two blocks into the two squares, one in each."
 FPS = 10
@@ -37,11 +38,10 @@ def write_dataset(episodes: Iterable[Demonstration], root: Path, total: int) -> 
 
 
 def _features() -> dict[str, dict]:
-    poses = [f"{body}_{q}" for body in ("block", "block2", "target", "target2") for q in ("x", "y", "yaw")]
     return {
-        "observation.state": _feature(["effector_x", "effector_y", "commanded_x", "commanded_y"]),
-        "observation.environment_state": _feature(poses),
-        "action": _feature(["dx", "dy"]),
+        "observation.state": _feature(BLOCK_PUSH_SPACE.state.names),
+        "observation.environment_state": _feature(BLOCK_PUSH_SPACE.environment.names),
+        "action": _feature(BLOCK_PUSH_SPACE.action.names),
         "next.reward": _feature(["reward"]),
         "next.success": _feature(["success"], "bool"),
         "next.done": _feature(["done"], "bool"),
@@ -56,10 +56,10 @@ def _feature(names: list[str], dtype: str = "float32") -> dict:
 
 def _frames(episode: Demonstration) -> Iterator[dict]:
     last = len(episode.actions) - 1
-    for i, observation in enumerate(episode.observations):
+    for i, (state, environment) in enumerate(zip(*BLOCK_PUSH_SPACE.split(episode.observations), strict=True)):
         yield {
-            "observation.state": observation[6:10],
-            "observation.environment_state": np.concatenate([observation[:6], observation[10:]]),
+            "observation.state": state,
+            "observation.environment_state": environment,
             "action": episode.actions[i],
             "next.reward": episode.rewards[i : i + 1],
             "next.success": episode.successes[i : i + 1],

@@ -8,11 +8,12 @@ from jaxtyping import Float
 
 from envs.arm.inverse_kinematics import InverseKinematics
 from richmap.robots.robots import load_robot
+from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
 ARMS = ("xarm6", "ur3", "ur5", "ur10")
 """The arms that do this task."""
 
-HEIGHT = 0.06
+HEIGHT = BLOCK_PUSH_SPACE.steps.position[2]
 """Of the flange above the table, in [m]."""
 ORIENTATION_WEIGHT = 1.0
 """Weight of orientation against position in the inverse kinematics, in [m/rad], the same for all arms.

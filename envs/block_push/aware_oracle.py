@@ -10,7 +10,6 @@ from envs.block_push.oracle import (
     NEXT_TO_BLOCK,
     ORIENT_ABOVE,
     ORIENT_RADIUS,
-    PLACED,
     PLANS,
     PRE_BLOCK,
     STEP,
@@ -18,6 +17,7 @@ from envs.block_push.oracle import (
     quarter_turn_error,
 )
 from envs.block_push.pusher_path import is_free, next_point
+from richmap.task_spaces.block_push import AT, BLOCKS, PLACED, TARGETS
 
 LOST_COMMAND = 0.01
 """Command and flange are farther apart than this, in [m], when the arm did not follow; the oracle then goes on from
@@ -52,14 +52,15 @@ class AwareOracle:
     def __call__(self, observation: Float[np.ndarray, "16"]) -> Float[np.ndarray, "2"]:
         """Step of the commanded effector position, in [m]."""
         state = np.array(observation, dtype=np.float64)
-        command = state[8:10].copy()
-        if np.linalg.norm(state[6:8] - command) > LOST_COMMAND:
-            state[8:10] = state[6:8]
+        command = state[AT["commanded"]].copy()
+        if np.linalg.norm(state[AT["effector"]] - command) > LOST_COMMAND:
+            state[AT["commanded"]] = state[AT["effector"]]
         return self._next(state) - command
 
     def _next(self, state: Float[np.ndarray, "16"]) -> Float[np.ndarray, "2"]:
         """The next command, in [m]; hands over between the plain oracle and pushes of its own."""
-        pusher, blocks, targets = state[8:10], state[0:6].reshape(2, 3), state[10:16].reshape(2, 3)[:, :2]
+        pusher, blocks = state[AT["commanded"]], state[BLOCKS].reshape(2, 3)
+        targets = state[TARGETS].reshape(2, 3)[:, :2]
         if self._plain is None:
             self._ways = [BlockWays(self._table, target) for target in targets]
             self._plain = Oracle(self._plan(blocks, targets))

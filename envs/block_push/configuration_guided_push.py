@@ -8,6 +8,7 @@ from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 
 from envs import ENVIRONMENTS, MAX_EPISODE_STEPS
 from envs.block_push.workspace import CONTROL_FREQUENCY
+from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
 
 @EnvConfig.register_subclass("guided_push")
@@ -27,9 +28,9 @@ class GuidedPushEnvConfig(EnvConfig):
     """`out` or `in`; None for the setting's."""
     features: dict[str, PolicyFeature] = field(
         default_factory=lambda: {
-            ACTION: PolicyFeature(type=FeatureType.ACTION, shape=(2,)),
-            "agent_pos": PolicyFeature(type=FeatureType.STATE, shape=(4,)),
-            "environment_state": PolicyFeature(type=FeatureType.ENV, shape=(12,)),
+            ACTION: PolicyFeature(type=FeatureType.ACTION, shape=(BLOCK_PUSH_SPACE.action.width,)),
+            "agent_pos": PolicyFeature(type=FeatureType.STATE, shape=(BLOCK_PUSH_SPACE.state.width,)),
+            "environment_state": PolicyFeature(type=FeatureType.ENV, shape=(BLOCK_PUSH_SPACE.environment.width,)),
         }
     )
     features_map: dict[str, str] = field(

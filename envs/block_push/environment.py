@@ -14,10 +14,11 @@ from envs import MAX_EPISODE_STEPS
 from envs.arm.arms import HEIGHT, ORIENTATION_WEIGHT, arm_setting, make_kinematics, start_posture
 from envs.arm.inverse_kinematics import Posture
 from envs.arm.renderer import Renderer
-from envs.block_push.scene import START, Scene, draw_scene
+from envs.block_push.scene import Scene, draw_scene
 from envs.block_push.success import both_placed, inside, rewards, score
 from envs.block_push.workspace import CONTROL_FREQUENCY, WORKSPACE
 from richmap.robots.robots import load_robot
+from richmap.task_spaces.block_push import AT, BLOCK_PUSH_SPACE, BLOCKS, START, TARGETS
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", SyntaxWarning)  # From robosuite's own text, when Python first compiles it.
@@ -27,8 +28,8 @@ MAX_STEP = 0.1
 """Largest step of the commanded effector along an axis, in [m] per control step."""
 HOLD = 1.0
 """How long the command is held still after success before it is judged again, in [s]."""
-AGENT = slice(6, 10)
-"""Where the effector is in the state: measured xy, commanded xy."""
+YAWS = [i for i, unit in enumerate(BLOCK_PUSH_SPACE.observation.units) if unit == "rad"]
+"""Which numbers of the state are angles."""
 
 Observation = Float[np.ndarray, "16"] | dict[str, np.ndarray]
 
@@ -84,7 +85,7 @@ class BlockPushEnv(gymnasium.Env):
             raise ValueError(f"There is no render_mode {render_mode!r}. Modes: None, rgb_array")
         self.arm = arm_setting(robot, setting, base, wrist, self_collision, orientation_weight)
         self.obs_type, self.render_mode = obs_type, render_mode
-        self.action_space = spaces.Box(-MAX_STEP, MAX_STEP, (2,), np.float32)
+        self.action_space = spaces.Box(-MAX_STEP, MAX_STEP, (BLOCK_PUSH_SPACE.action.width,), np.float32)
         self.observation_space = _observation_space(obs_type)
 
         description = load_robot(robot)
@@ -179,19 +180,19 @@ class BlockPushEnv(gymnasium.Env):
 
     def _state(self) -> Float[np.ndarray, "16"]:
         simulation = self._simulation
-        state = np.empty(16)
-        state[0:6].reshape(2, 3)[:, :2] = simulation.blocks_xyz[:, :2]
-        state[[2, 5]] = simulation.blocks_yaw
-        state[6:8] = simulation.flange_xyz[:2]
-        state[8:10] = self._command
-        state[10:16] = self._targets.ravel()
-        state[[2, 5, 12, 15]] %= np.pi
+        state = np.empty(BLOCK_PUSH_SPACE.observation.width)
+        state[BLOCKS] = np.column_stack([simulation.blocks_xyz[:, :2], simulation.blocks_yaw]).ravel()
+        state[AT["effector"]] = simulation.flange_xyz[:2]
+        state[AT["commanded"]] = self._command
+        state[TARGETS] = self._targets.ravel()
+        state[YAWS] %= np.pi
         return state.astype(np.float32)
 
     def _observe(self, state: Float[np.ndarray, "16"]) -> Observation:
         if self.obs_type == "state":
             return state
-        return {"agent_pos": state[AGENT], "environment_state": np.delete(state, np.r_[AGENT])}
+        agent, environment = BLOCK_PUSH_SPACE.split(state)
+        return {"agent_pos": agent, "environment_state": environment}
 
     def _info(self, earned: tuple[float, float], now: Bool[np.ndarray, "2 2"]) -> dict[str, Any]:
         simulation = self._simulation
@@ -226,12 +227,10 @@ class BlockPushEnv(gymnasium.Env):
 
 def _observation_space(obs_type: str) -> spaces.Space:
     """Positions within 10 m, which nothing leaves; yaw within [0, pi]."""
-    low, high = np.full(16, -10, np.float32), np.full(16, 10, np.float32)
-    low[[2, 5, 12, 15]], high[[2, 5, 12, 15]] = 0, np.pi
+    width = BLOCK_PUSH_SPACE.observation.width
+    low, high = np.full(width, -10, np.float32), np.full(width, 10, np.float32)
+    low[YAWS], high[YAWS] = 0, np.pi
     if obs_type == "state":
         return spaces.Box(low, high)
-    agent = np.r_[AGENT]
-    return spaces.Dict(
-        agent_pos=spaces.Box(low[agent], high[agent]),
-        environment_state=spaces.Box(np.delete(low, agent), np.delete(high, agent)),
-    )
+    agent, environment = map(spaces.Box, BLOCK_PUSH_SPACE.split(low), BLOCK_PUSH_SPACE.split(high))
+    return spaces.Dict(agent_pos=agent, environment_state=environment)

@@ -7,6 +7,8 @@ import gymnasium
 import numpy as np
 from jaxtyping import Float
 
+from richmap.task_spaces.block_push import AT, BLOCKS, PLACED, TARGETS
+
 PLANS = (((0, 0), (1, 1)), ((0, 1), (1, 0)), ((1, 0), (0, 1)), ((1, 1), (0, 0)))
 """By mode: first (block, target), then (block, target)."""
 
@@ -24,8 +26,6 @@ diagonal, where both ways are equally long, it would else be turned to and fro w
 episodes)."""
 ARRIVED = 0.001
 """A point is reached within this, in [m]."""
-PLACED = 0.04
-"""The first block counts as placed within this of its target's centre, in [m]."""
 STEP = {"orient_left": 0.015, "orient_right": 0.015, "pre_block": 0.03, "return": 0.03, "origin": 0.03}
 """Longest step by phase, in [m] per control step; 0.035 in the other phases."""
 
@@ -54,9 +54,9 @@ class Oracle:
     def __call__(self, observation: Float[np.ndarray, "16"]) -> Float[np.ndarray, "2"]:
         """Step of the commanded effector position, in [m]."""
         state = np.asarray(observation, dtype=np.float64)
-        effector = state[8:10]
-        blocks = state[0:6].reshape(2, 3)
-        targets = state[10:16].reshape(2, 3)
+        effector = state[AT["commanded"]]
+        blocks = state[BLOCKS].reshape(2, 3)
+        targets = state[TARGETS].reshape(2, 3)
         if self._origin is None:
             self._origin = effector.copy()
         first_block, first_target = self.plan[0]

@@ -7,9 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from envs.block_push.workspace import WORKSPACE
+from richmap.task_spaces.block_push import START
 
-START = (0.3, -0.4)
-"""Effector at the start of an ordinary episode, xy in [m]."""
 MIN_BLOCK_DISTANCE = 0.1
 """The blocks start farther apart than this, in [m]. The original compares x alone, and so does this."""
 TARGET_OFFSET = 0.12

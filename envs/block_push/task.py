@@ -12,6 +12,7 @@ from envs.block_push.outcome import EpisodeOutcome, summarize
 from envs.block_push.scene import draw_scene
 from envs.block_push.workspace import CONTROL_FREQUENCY
 from envs.task import Controller, Score, Task, Trait
+from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
 SPACING = 0.01
 """Of the grid on which the oracle that knows its arm has where that can hold its tool, in [m]."""
@@ -48,11 +49,10 @@ def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
 
 
 def _acting_on_dict(oracle: Callable[[np.ndarray], np.ndarray]) -> Controller:
-    """Puts the 16-D state together again (`envs.block_push.environment`)."""
+    """Puts the whole observation together again."""
 
     def act(observation: dict[str, np.ndarray]) -> np.ndarray:
-        scene = observation["environment_state"]
-        return oracle(np.concatenate([scene[:6], observation["agent_pos"], scene[6:]]))
+        return oracle(BLOCK_PUSH_SPACE.join(observation["agent_pos"], observation["environment_state"]))
 
     return act
 
