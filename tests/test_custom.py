@@ -10,7 +10,7 @@ from benchmark.build_maps import what_is_checked
 from richmap.motion.collision import self_collision
 from richmap.motion.kinematics import flange_frames
 from richmap.motion.sampling import sample_workspace
-from richmap.physics.convex_parts import fit_convex_parts
+from richmap.physics.convex_parts import convex_parts, parts_fingerprint
 from richmap.physics.mujoco_model import arm_spec
 from richmap.robots.custom import custom_robot
 from richmap.robots.robots import load_robot
@@ -112,9 +112,10 @@ def test_a_foot_that_is_fixed_to_the_base_does_not_turn_with_the_arm(file):
     assert not check(orbits.poses()[2].astype(float)).any()
 
 
-def test_every_stage_reads_the_same_arm(file):
+def test_every_stage_reads_the_same_arm(file, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     robot = custom_robot(file, "base", "flange")
-    model = arm_spec(robot, visual=True, parts=fit_convex_parts(robot)).compile()
+    model = arm_spec(robot, visual=True).compile()
     data, pin = mujoco.MjData(model), pinocchio.buildModelFromXML(robot.urdf)
     pin_data = pin.createData()
     joints = np.random.default_rng(1).uniform(robot.lower, robot.upper, (300, 3))
@@ -131,9 +132,14 @@ def test_every_stage_reads_the_same_arm(file):
     assert (np.array(hits) == self_collision(robot)(joints)).mean() > 0.98
 
 
-def test_without_convex_parts_the_simulator_says_how_to_make_them(file):
-    with pytest.raises(ValueError, match=r"No convex parts for 'custom-arm'.*arm_spec\(robot, parts=fit_convex_parts"):
-        arm_spec(custom_robot(file, "base", "flange"))
+def test_convex_parts_are_fitted_once_for_a_description(file, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    robot = custom_robot(file, "base", "flange")
+    convex_parts.cache_clear()
+    fitted = parts_fingerprint(robot)
+    monkeypatch.setattr("richmap.physics.convex_parts.fit_convex_parts", None)
+    convex_parts.cache_clear()
+    assert parts_fingerprint(robot) == fitted
 
 
 def test_a_shipped_arm_read_as_a_custom_one_is_the_same_arm(tmp_path):

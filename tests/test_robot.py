@@ -136,5 +136,5 @@ def test_fingerprints_tell_robots_apart():
 
 
 def test_an_unknown_robot_is_refused_with_those_that_exist():
-    with pytest.raises(ValueError, match="'ur7'.*xarm6, ur3, ur5, ur10"):
+    with pytest.raises(ValueError, match="'ur7'.*gen3, iiwa7, panda, ur10"):
         load_robot("ur7")

@@ -14,7 +14,7 @@ def test_a_row_replaces_an_older_one_of_the_same_arm(tmp_path):
     main(SelfCollisionConfig(robots=["ur3", "xarm6"], **small))
     main(SelfCollisionConfig(robots=["ur3"], seed=2, **small))
     table = pd.read_parquet(tmp_path / "self_collision.parquet")
-    assert list(table.robot) == ["xarm6", "ur3"] and list(table.seed) == [1000, 2]
+    assert list(table.robot) == ["ur3", "xarm6"] and list(table.seed) == [2, 1000]
     assert (table.collision_rate == table.n_colliding / table.n).all()
     assert (table.rejected_low <= table.rejected + 1e-12).all() and (table.rejected <= table.rejected_high).all()
     assert "| ur3 | 5,000 |" in (tmp_path / "self_collision.md").read_text()

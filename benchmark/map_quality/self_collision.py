@@ -74,7 +74,7 @@ def compare(robot: "RobotDescription", config: SelfCollisionConfig) -> dict[str,
 
     from benchmark.scoring.statistics import rate_interval
     from richmap.motion.collision import self_collision
-    from richmap.physics.convex_parts import load_convex_parts
+    from richmap.physics.convex_parts import convex_parts
     from richmap.physics.mujoco_model import arm_spec
 
     rng = np.random.default_rng(config.seed)
@@ -96,7 +96,7 @@ def compare(robot: "RobotDescription", config: SelfCollisionConfig) -> dict[str,
         "seed": config.seed,
         "n": len(hit),
         "n_colliding": int(hit.sum()),
-        "parts": sum(map(len, load_convex_parts(robot).values())),
+        "parts": sum(map(len, convex_parts(robot).values())),
     }
     for name, wrong in (("collision_rate", hit), ("rejected", found[~hit]), ("let_through", ~found[hit])):
         row[name] = float(wrong.mean())

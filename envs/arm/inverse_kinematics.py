@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from richmap.physics.mujoco_model import arm_spec
+from richmap.physics.mujoco_model import kinematic_spec
 from richmap.robots.robot import RobotDescription
 
 ITERATIONS = 5
@@ -58,10 +58,7 @@ class InverseKinematics:
         lower: Float[np.ndarray, " dof"],
         upper: Float[np.ndarray, " dof"],
     ) -> None:
-        spec = arm_spec(robot)
-        for geom in list(spec.geoms):
-            spec.delete(geom)
-        self._model = spec.compile()
+        self._model = kinematic_spec(robot).compile()
         self._data = mujoco.MjData(self._model)
         self._flange = self._model.body(robot.end_effector).id
         self._base, self._weight = np.asarray(base, dtype=float), orientation_weight

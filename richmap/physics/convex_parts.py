@@ -1,12 +1,17 @@
 """Convex parts of an arm's links, for simulators that collide convex shapes only.
 
 One convex hull per link would reject a fifth to a third of all free UR configurations. The parts that ship with this
-package were made by `fit_convex_parts` (V-HACD) and are refused for meshes other than those they were made from.
+package were made by `fit_convex_parts` (V-HACD) and are refused for meshes other than those they were made from. Those
+of other arms are fitted once and kept.
 """
 
+import hashlib
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+import platformdirs
+from filelock import FileLock
 from jaxtyping import Float
 
 from richmap.files import FileRefusedError, load_arrays, save_arrays
@@ -16,6 +21,8 @@ from richmap.robots.shape import Shape
 FOLDER = Path(__file__).parents[1] / "robots" / "convex_parts"
 KIND, VERSION = "richmap.ConvexParts", 1
 PARTS_PER_LINK = 16
+THINNEST = 1e-4
+"""Parts thinner than this, in [m], are left out: MuJoCo refuses what it cannot give a volume."""
 
 CONVEX = 0.999
 """A closed mesh that fills its convex hull to at least this share is one part."""
@@ -24,30 +31,57 @@ ConvexParts = dict[str, list[Float[np.ndarray, "v 3"]]]
 """For each link, the vertices of its convex parts in the link's frame, in [m]."""
 
 
-def load_convex_parts(robot: RobotDescription) -> ConvexParts:
-    """The parts shipped for this robot.
+@lru_cache
+def convex_parts(robot: RobotDescription) -> ConvexParts:
+    """An arm's parts: those that ship, or else those in the user's cache, fitted once for each description."""
+    shipped = FOLDER / f"{robot.name}.safetensors"
+    if shipped.exists() and not robot.name.startswith("custom-"):
+        return load_convex_parts(shipped, robot)
+    file = Path(platformdirs.user_cache_dir("richmap"), "convex_parts", f"{robot.fingerprint[:16]}.safetensors")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(f"{file}.lock"):
+        try:
+            return load_convex_parts(file, robot)
+        except (FileNotFoundError, FileRefusedError):
+            save_convex_parts(file, robot, fit_convex_parts(robot))
+            return load_convex_parts(file, robot)
+
+
+def parts_fingerprint(robot: RobotDescription) -> str:
+    """SHA-256 over the names, shapes and vertices of an arm's parts."""
+    digest = hashlib.sha256()
+    for link, parts in sorted(convex_parts(robot).items()):
+        for part in parts:
+            digest.update(f"{link} {part.shape} {part.dtype.str}".encode() + np.ascontiguousarray(part).tobytes())
+    return digest.hexdigest()
+
+
+def load_convex_parts(file: Path, robot: RobotDescription) -> ConvexParts:
+    """The parts of a file, but for those that are too thin to collide.
 
     Raises:
-        ValueError: If there are none.
-        FileRefusedError: If they were made from other meshes.
+        FileNotFoundError: If there is no such file.
+        FileRefusedError: If it was made from other meshes.
     """
-    file = FOLDER / f"{robot.name}.safetensors"
-    how = f"python -m richmap.physics.convex_parts {robot.name}"
-    if not file.exists():
-        raise ValueError(
-            f"No convex parts for {robot.name!r} in {FOLDER}. Make them: {how}; for an arm of your own: "
-            "arm_spec(robot, parts=fit_convex_parts(robot))."
-        )
     arrays, about = load_arrays(file, KIND, VERSION)
     if about["robot_fingerprint"] != robot.fingerprint:
         raise FileRefusedError(
             f"{file.name} was made for another description of {robot.name} "
-            f"({about['robot_fingerprint'][:12]}, here {robot.fingerprint[:12]}). Make it anew: {how}"
+            f"({about['robot_fingerprint'][:12]}, here {robot.fingerprint[:12]}). Make it anew: "
+            f"python -m richmap.physics.convex_parts {robot.name}"
         )
     parts: ConvexParts = {}
     for name in sorted(arrays):
-        parts.setdefault(name.split("/")[0], []).append(arrays[name])
+        if thickness(arrays[name]) >= THINNEST:
+            parts.setdefault(name.split("/")[0], []).append(arrays[name])
     return parts
+
+
+def thickness(vertices: Float[np.ndarray, "v 3"]) -> float:
+    """Extent of a convex part along the axis on which its vertices spread least, in [m]."""
+    points = np.asarray(vertices, dtype=np.float64)
+    axes = np.linalg.svd(points - points.mean(0), full_matrices=False)[2]
+    return float(np.ptp(points @ axes[-1]))
 
 
 def fit_convex_parts(robot: RobotDescription, parts_per_link: int = PARTS_PER_LINK) -> ConvexParts:
@@ -79,11 +113,11 @@ def _convex_parts(shape: Shape, parts_per_link: int) -> list[Float[np.ndarray, "
     return [np.asarray(vertices, dtype=np.float32) for vertices, _ in hulls]
 
 
-def save_convex_parts(robot: RobotDescription, parts: ConvexParts) -> None:
-    """Write the parts where `load_convex_parts` looks for them."""
+def save_convex_parts(file: Path, robot: RobotDescription, parts: ConvexParts) -> None:
+    """Write an arm's parts to a file."""
     arrays = {f"{link}/{i:03d}": part for link, hulls in parts.items() for i, part in enumerate(hulls)}
     about = {"robot_fingerprint": robot.fingerprint, "source": robot.source, "licence": robot.licence}
-    save_arrays(FOLDER / f"{robot.name}.safetensors", KIND, VERSION, arrays, about)
+    save_arrays(file, KIND, VERSION, arrays, about)
 
 
 if __name__ == "__main__":
@@ -91,5 +125,5 @@ if __name__ == "__main__":
 
     from richmap.robots.robots import load_robot
 
-    for name in sys.argv[1:]:
-        save_convex_parts(load_robot(name), fit_convex_parts(load_robot(name)))
+    for arm in map(load_robot, sys.argv[1:]):
+        save_convex_parts(FOLDER / f"{arm.name}.safetensors", arm, fit_convex_parts(arm))

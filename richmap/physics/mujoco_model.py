@@ -6,21 +6,15 @@ import mujoco
 import numpy as np
 
 from richmap.motion.collision import self_collision
-from richmap.physics.convex_parts import ConvexParts, load_convex_parts
+from richmap.physics.convex_parts import convex_parts
 from richmap.robots.robot import RobotDescription
 from richmap.robots.shape import Shape
 
 COLLISION_GROUP, VISUAL_GROUP = 0, 1
 
 
-def arm_spec(robot: RobotDescription, visual: bool = False, parts: ConvexParts | None = None) -> mujoco.MjSpec:
-    """Editable model of the arm, its base body at the world's origin; all names are the URDF's.
-
-    Links collide by their convex parts (geoms of group 0) except for the pairs that
-    `richmap.motion.collision.SelfCollision` leaves out as well; with `visual`, collision shapes are added in group 1
-    as they
-    are. `parts` are those that ship with the package unless given (`richmap.physics.convex_parts.fit_convex_parts`).
-    """
+def kinematic_spec(robot: RobotDescription) -> mujoco.MjSpec:
+    """Editable model of the arm without shapes, its base body at the world's origin; all names are the URDF's."""
     root = ET.fromstring(robot.urdf)
     for link in root.iter("link"):
         for collision in link.findall("collision"):
@@ -29,7 +23,18 @@ def arm_spec(robot: RobotDescription, visual: bool = False, parts: ConvexParts |
     spec.compiler.fusestatic = False
     spec.compiler.balanceinertia = True
     spec.compiler.discardvisual = False  # On by default for models that come from a URDF.
-    for link, hulls in (load_convex_parts(robot) if parts is None else parts).items():
+    return spec
+
+
+def arm_spec(robot: RobotDescription, visual: bool = False) -> mujoco.MjSpec:
+    """The same with shapes.
+
+    Links collide by their convex parts (geoms of group 0) except for the pairs that
+    `richmap.motion.collision.SelfCollision` leaves out as well; with `visual`, collision shapes are added in group 1
+    as they are.
+    """
+    spec = kinematic_spec(robot)
+    for link, hulls in convex_parts(robot).items():
         for i, vertices in enumerate(hulls):
             mesh = spec.add_mesh(name=f"{link}_part{i}", uservert=vertices.ravel())
             spec.body(link).add_geom(

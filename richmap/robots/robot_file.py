@@ -1,0 +1,159 @@
+"""An arm's file: where its model comes from, what is put right in it, and how it is known to do tasks.
+
+`NAME.yaml` beside this module is the arm NAME; a file of somebody else's may lie anywhere. Of the keys below only
+`file`, `base` and `end_effector` are needed.
+
+- `package`: distribution that `file` is a file of; without one it is relative to the arm's own file, and checked.
+- `file`: URDF, xacro (`.xacro`) or MJCF (`.xml`).
+- `base`, `end_effector`: link that is fixed to the world, and flange, whose +z is the approach direction.
+- `packages`: folder, in the same distribution, in which meshes `package://...` are looked for.
+- `source`, `licence`: what is said about it.
+- `origins`: for child links, the xyz in [m] and rpy in [rad] of the joints that carry them, in place of the file's.
+- `collision`: `folder`, `rpy` and `meshes` by link, in place of all collision shapes.
+- `full_turns`: continuous joints become revolute ones of one turn. `extras: false`: only what is used is kept.
+- `branches`: postures that name a branch, roughly holding the tool upright in front of the arm with joint 1 at zero, in
+  [rad], each with `bounds` in [rad] of joints that keep to it.
+- `settings`: in which branch the arm does tasks in a setting, and where it then stands, `base`, in [m].
+"""
+
+import importlib.metadata
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from richmap.robots.custom import custom_robot
+from richmap.robots.mjcf import urdf_from_mjcf
+from richmap.robots.robot import RobotDescription
+from richmap.robots.urdf import clean_urdf, with_full_turns, with_origins, without_extras
+
+KEYS = {
+    "package", "file", "base", "end_effector", "packages", "source", "licence", "origins", "collision", "full_turns",
+    "extras", "branches", "settings",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A way of holding the tool that an arm's file states."""
+
+    posture: tuple[float, ...]
+    """Roughly how the arm holds its tool upright in front of it, joint 1 at zero, in [rad]: it picks the branch."""
+    bounds: tuple[tuple[str, float, float], ...] = ()
+    """Joints that keep to a range in this branch: name, least and greatest angle in [rad]."""
+
+
+@dataclass(frozen=True)
+class Stand:
+    """How an arm does tasks in a setting."""
+
+    branch: str
+    """Name of its branch."""
+    base: tuple[float, float, float] | None = None
+    """Where its base stands, in [m] in the world; None for the usual place."""
+
+
+@dataclass(frozen=True)
+class RobotFile:
+    """An arm's file, read."""
+
+    path: Path
+    model: dict[str, Any]
+    """What the description is made of."""
+    branches: dict[str, Branch]
+    """By name; none where they are to be found."""
+    settings: dict[str, Stand]
+    """By the setting's name."""
+
+    @classmethod
+    def read(cls, path: Path) -> "RobotFile":
+        """The file.
+
+        Raises:
+            ValueError: If it cannot be read, or says what it cannot.
+        """
+        try:
+            said = yaml.safe_load(path.read_text())
+            if not isinstance(said, dict) or not {"file", "base", "end_effector"} <= said.keys() <= KEYS:
+                raise ValueError(f"It says file, base and end_effector, and may say {', '.join(sorted(KEYS))}.")
+            branches = {name: _branch(**each) for name, each in said.pop("branches", {}).items()}
+            settings = {name: _stand(**each) for name, each in said.pop("settings", {}).items()}
+            if unknown := {each.branch for each in settings.values()} - branches.keys():
+                raise ValueError(f"A setting is in branch {unknown.pop()!r}, and branches are {', '.join(branches)}.")
+        except (OSError, yaml.YAMLError, TypeError, AttributeError, ValueError) as error:
+            raise ValueError(f"{path} is no arm's file: {error}") from error
+        return cls(path, said, branches, settings)
+
+    def description(self) -> RobotDescription:
+        """The arm.
+
+        Raises:
+            ValueError: If its package is not installed, or the model not there.
+        """
+        model, file = self.model, self._located(self.model["file"])
+        base, end_effector = model["base"], model["end_effector"]
+        if "package" in model:
+            meshes = {"package://": f"{self._located(model['packages'])}/"} if "packages" in model else {}
+            urdf = clean_urdf(_urdf(file), meshes, base, end_effector)
+        else:
+            urdf = custom_robot(file, base, end_effector).urdf
+        if "origins" in model:
+            urdf = with_origins(urdf, {link: (xyz, rpy) for link, (xyz, rpy) in model["origins"].items()})
+        if "collision" in model:
+            urdf = self._with_meshes(urdf, **model["collision"])
+        if model.get("full_turns"):
+            urdf = with_full_turns(urdf)
+        if not model.get("extras", True):
+            urdf = without_extras(urdf)
+        source = [model.get("source", file.name)]
+        if "package" in model:
+            source.insert(0, f"{model['package']} {importlib.metadata.version(model['package'])}")
+        licence = model.get("licence", "unknown")
+        return RobotDescription(self.path.stem, urdf, base, end_effector, ", ".join(source), licence)
+
+    def _located(self, file: str) -> Path:
+        """A file of the package, or one relative to the arm's own."""
+        if "package" not in self.model:
+            return (self.path.parent / file).resolve()
+        try:
+            package = importlib.metadata.distribution(self.model["package"])
+        except importlib.metadata.PackageNotFoundError as error:
+            raise ValueError(f"{self.path.name}: package {self.model['package']} is not installed.") from error
+        return Path(package.locate_file(file)).resolve()
+
+    def _with_meshes(self, urdf: str, folder: str, rpy: str, meshes: dict[str, str]) -> str:
+        """Collision shapes that are one mesh per link, turned by `rpy` in [rad]."""
+        root = ET.fromstring(urdf)
+        for link in root.iter("link"):
+            for collision in link.findall("collision"):
+                link.remove(collision)
+            if link.get("name") in meshes:
+                collision = ET.SubElement(link, "collision")
+                ET.SubElement(collision, "origin", xyz="0 0 0", rpy=rpy)
+                file = self._located(folder) / meshes[link.get("name")]
+                ET.SubElement(ET.SubElement(collision, "geometry"), "mesh", filename=str(file))
+        return ET.tostring(root, encoding="unicode")
+
+
+def _urdf(file: Path) -> str:
+    """The text of a model as URDF."""
+    if file.suffix == ".xacro":
+        import xacro
+
+        return xacro.process_file(file).toxml()
+    return urdf_from_mjcf(file) if file.suffix == ".xml" else file.read_text()
+
+
+def _branch(posture: list, bounds: dict[str, list] | None = None) -> Branch:
+    of_joints = tuple((joint, *map(float, ends)) for joint, ends in (bounds or {}).items())
+    if not all(len(of_joint) == 3 for of_joint in of_joints):
+        raise ValueError("bounds are a least and a greatest angle for each joint.")
+    return Branch(tuple(map(float, posture)), of_joints)
+
+
+def _stand(branch: str, base: list | None = None) -> Stand:
+    if base is not None and len(base) != 3:
+        raise ValueError(f"base is x, y, z in metres. Got {base}.")
+    return Stand(branch, None if base is None else tuple(map(float, base)))
