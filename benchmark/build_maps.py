@@ -11,7 +11,7 @@ from rich.console import Console
 
 from benchmark.artifacts.maps import energy_field, robot_map
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import EnergyConfig, MapConfig, RobotConfig, check_folder
+from benchmark.settings.config import EnergyConfig, MapConfig, RobotConfig, check_folder, robot_field
 
 if TYPE_CHECKING:
     from richmap.robots.robot import RobotDescription
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 class BuildMapsConfig:
     """Builds an arm's reachability map and, from the xArm6's and its own, the energy field; both are cached."""
 
-    robot: RobotConfig = field(default_factory=RobotConfig)
+    robot: RobotConfig = robot_field("ur3")
     """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
     workers: int = 2
     """Processes that sample; the map does not depend on it. A whole number >= 1."""

@@ -8,14 +8,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import RobotConfig, check_folder
+from benchmark.settings.config import RobotConfig, check_folder, robot_field
 
 
 @dataclass
 class MergeMapsConfig:
     """Merges maps of one arm, built from different seeds or on different machines, into one theta-separated map."""
 
-    robot: RobotConfig = field(default_factory=RobotConfig)
+    robot: RobotConfig = robot_field("xarm6")
     """Arm that all the maps are of."""
     inputs: list[str] = field(default_factory=list)
     """Map files, two or more, as in inputs=[a.safetensors,b.safetensors]; same grid and theta, each of its own seed."""

@@ -7,29 +7,24 @@ python -m benchmark.run -m experiment=transfer
 
 from pathlib import Path
 
-from benchmark.artifacts.known_policies import chosen_checkpoint
 from benchmark.settings.command import run_command
 from benchmark.settings.config import RunConfig
+from benchmark.sweeps.job import run_job
+from benchmark.sweeps.sweep import end_sweep
 
 
 def main(config: RunConfig) -> None:
     """Roll out at lambda and at 0 on the same episodes, store every episode, and print the comparison."""
-    from benchmark.sweeps.chosen_scale import with_scale
-
-    config = with_scale(config)
-    checkpoint = chosen_checkpoint(config)
     from rich.console import Console
 
     from benchmark.artifacts.wandb_run import unharmed
-    from benchmark.rollouts.make_rollout import make_rollout
     from benchmark.rollouts.missing_episodes import run_and_store
     from benchmark.scoring.report import print_report
+    from benchmark.sweeps.chosen_scale import rollouts_of
     from benchmark.sweeps.experiment_log import log_curves, log_evaluation, log_field
 
-    console = Console()
-    rollouts = [make_rollout(config, scale, checkpoint, console) for scale in sorted({0.0, config.guidance_scale})]
-    tables = []
-    for rollout in rollouts:
+    console, tables = Console(), []
+    for rollout in rollouts_of(config, console):
         tables.append(run_and_store(rollout, config, console))
         with unharmed():
             log_field(config, rollout, config.output_dir)
@@ -40,10 +35,4 @@ def main(config: RunConfig) -> None:
 
 
 if __name__ == "__main__":
-    from hydra.core.plugins import Plugins
-
-    plugins = Plugins.instance()  # It looks through the folders on the path, so not where this is run from elsewhere.
-    from hydra_plugins.missing_jobs import MissingJobsSweeper
-
-    plugins.register(MissingJobsSweeper)
-    run_command(main, RunConfig, "run")
+    run_command(main, RunConfig, "run", run_job, end_sweep)

@@ -1,80 +1,174 @@
+"""The door of every command: overrides, Hydra's flags, and one line for what is wrong."""
+
+import os
 import subprocess
 import sys
-import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from benchmark.replay import ReplayConfig
+from benchmark import replay, run
+from benchmark.merge_maps import MergeMapsConfig
 from benchmark.settings import command
 from benchmark.settings.config import RunConfig
+from benchmark.settings.replay_config import ReplayConfig
 
 ROOT = Path(__file__).parents[1]
 BAD = {
-    "robot=ur7": "Allowed: ur10, ur3, ur5, xarm6",
-    "robot=panda": "robot=panda is not allowed. Allowed: ur10, ur3, ur5, xarm6",
-    "robot=custom": "robot=custom is not allowed. Allowed: ur10, ur3, ur5, xarm6",
+    "robot=ur7": "robot=ur7 is not allowed. Allowed: ",
     "robot.path=a.urdf": "There is no setting 'robot.path'",
-    "lamda=1": "Did you mean 'lambda'? Settings: robot, lambda, method, episodes",
+    "lamda=1": "There is no setting 'lamda'. Did you mean 'lambda'? See all settings: python -m benchmark.run --help",
+    "map.cel_size=1": "Did you mean 'map.cell_size'?",
     "lambda=-1": "Allowed: any number >= 0",
     "lambda=abc": "any number >= 0",
     "lambda=nan": "any number >= 0",
+    "lambda=0,1": "lambda=0,1 has several values. To sweep over them, add -m.",
+    "policy=a,b": "'policy=\"a,b\"'",
     "method=papr": "method=papr is not allowed. Allowed: direct, paper, away",
+    "method=null": "method=null is not allowed",
     "episodes=0": "Allowed: a whole number >= 1",
     "episodes=2.5": "a whole number >= 1",
     "setting=virtual": "Allowed: original, embodied, best",
     "device=tpu": "Allowed: cpu, cuda, auto",
-    "seed=7": "recipe=robust seed=7 checkpoint=1 is not there. Trained: seed42-1",
     "checkpoint=0": "Allowed: a whole number >= 1",
-    "policy=nowhere": "policy=nowhere is no LeRobot checkpoint: it lacks config.json and model.safetensors",
-    "map.cel_size=1": "Did you mean 'map.cell_size'?",
+    "experiment=mine": "experiment=mine is not allowed. Allowed: methods, transfer.",
     "robot": "not setting=value",
-    "robot=[ur3": "not setting=value",
-    "--lambda": "not setting=value",
+    "robot=[ur3": "robot=[ur3 cannot be read",
+    "--lambda": "There is no flag --lambda. A setting is written without dashes: lambda=value.",
+    "--cfg=nothing": "--cfg nothing is not allowed. Allowed: job, hydra, all.",
 }
+TEXTS = [
+    "/x/epoch=1/act", "/data/größe/act", "/data/[new]/act", "/data/{a}/act", "/a (1)/b", "4787e758", "901787704900",
+    "0017e500", "true", "it's", "a b", "C:\\models\\act", "#1/act", "outputs/train/act",
+]  # fmt: skip
 
 
-def run(*arguments):
-    start = time.monotonic()
-    command = [sys.executable, "-X", "importtime", "-m", "benchmark.run", *arguments]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    errors = [line for line in done.stderr.splitlines() if not line.startswith("import time:")]
-    imported = {line.rsplit("|", 1)[1].strip() for line in done.stderr.splitlines() if line.startswith("import time:")}
-    return done.returncode, done.stdout, errors, imported, time.monotonic() - start
+@dataclass
+class Outcome:
+    """How a command ended."""
+
+    status: int
+    output: str
+    errors: list[str]
+
+
+@pytest.fixture
+def give(monkeypatch, capsys):
+    """Run a command in this process, or its settings alone."""
+
+    def run_with(main, schema, name, *arguments):
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "argv", ["command", *arguments])
+            patch.setattr(command.signal, "signal", lambda *_: None)
+            try:
+                command.run_command(main, schema, name)
+                status = 0
+            except SystemExit as end:
+                status = end.code
+        captured = capsys.readouterr()
+        return Outcome(status, captured.out, captured.err.splitlines())
+
+    return run_with
 
 
 @pytest.mark.parametrize("argument", BAD)
-def test_a_bad_setting_ends_in_one_line_before_anything_heavy_is_imported(argument):
-    status, output, errors, imported, _ = run(argument)
-    assert status == 2 and output == ""
-    assert len(errors) == 1 and BAD[argument] in errors[0], errors
+def test_a_bad_setting_ends_in_one_line(give, argument):
+    ended = give(run.main, RunConfig, "run", argument)
+    assert ended.status == 2 and ended.output == ""
+    assert len(ended.errors) == 1 and BAD[argument] in ended.errors[0], ended.errors
+
+
+def test_nothing_heavy_is_imported_before():
+    ended = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "benchmark.run", "seed=7"], cwd=ROOT, capture_output=True, text=True
+    )
+    lines = ended.stderr.splitlines()
+    errors = [line for line in lines if not line.startswith("import time:")]
+    imported = {line.rsplit("|", 1)[1].strip() for line in lines if line.startswith("import time:")}
+    assert ended.returncode == 2 and len(errors) == 1
+    assert "recipe=robust seed=7 checkpoint=1 is not there. Trained: seed42-1" in errors[0]
     assert not {"torch", "lerobot", "mujoco", "robosuite"} & imported
 
 
-def test_a_text_of_digits_is_a_text(monkeypatch):
-    def given(name, schema, *arguments):
-        shown = []
-        with monkeypatch.context() as patch:
-            patch.setattr(sys, "argv", ["command", *arguments])
-            command.run_command(shown.append, schema, name)
-        return shown[0]
-
-    for digits in ("4787e758", "901787704900", "0017e500"):  # Read as a number: infinite, another text, none.
-        assert given("replay", ReplayConfig, f"row={digits}").row == digits
-    run = given("run", RunConfig, "output_dir=2026", "lambda=0.5", "wandb.group=7", "map.theta=0.2")
-    assert (run.output_dir, run.wandb.group, run.guidance_scale, run.map.theta) == ("2026", "7", 0.5, 0.2)
+@pytest.mark.parametrize("text", TEXTS)
+def test_a_text_is_taken_as_it_is(give, text):
+    shown = []
+    ended = give(shown.append, ReplayConfig, "replay", f"table={text}", f"policy={text}")
+    assert ended.status == 0, ended.errors
+    assert (shown[0].table, shown[0].policy) == (text, text)
 
 
-def test_help_lists_every_setting_with_unit_and_default():
-    status, output, errors, imported, _ = run("--help")
-    assert status == 0 and errors == [] and "torch" not in imported
-    for shown in (
-        "robot=ur3",
-        "lambda=0.0",
-        "episodes=50",
-        "seed=42",
-        "setting=embodied",
-        "output_dir=results",
+def test_texts_in_lists_are_taken_as_they_are(give):
+    shown = []
+    for given in ("inputs=[a=1.safetensors,größe/2]", "inputs=['a=1.safetensors','größe/2']"):
+        assert give(shown.append, MergeMapsConfig, "merge_maps", given).status == 0
+        assert shown.pop().inputs == ["a=1.safetensors", "größe/2"]
+
+
+def test_a_number_is_a_number(give):
+    shown = []
+    assert give(shown.append, RunConfig, "run", "lambda=0.5", "map.theta=0.2", "wandb.group=7").status == 0
+    assert (shown[0].guidance_scale, shown[0].map.theta, shown[0].wandb.group) == (0.5, 0.2, "7")
+
+
+def test_help_lists_every_setting_with_unit_and_the_default_that_acts(give):
+    ended = give(run.main, RunConfig, "run", "--help")
+    assert ended.status == 0 and not ended.errors
+    for shown in ("robot=ur3", "lambda=0.0", "seed=42", "setting=embodied", "device=auto", "in m", "1/m", "paper: The"):
+        assert shown in ended.output
+    assert max(map(len, ended.output.splitlines())) < 80
+    assert "episodes=7\n" in give(run.main, RunConfig, "run", "--help", "episodes=7").output
+
+
+def test_whoever_reads_the_first_lines_of_help_ends_it_quietly():
+    line = f"{sys.executable} -m benchmark.replay --help | head -1; echo ${{PIPESTATUS[0]}}"
+    ended = subprocess.run(["bash", "-c", line], cwd=ROOT, capture_output=True, text=True)
+    assert ended.stdout.splitlines() == ["python -m benchmark.replay [setting=value ...]", "0"]
+    assert ended.stderr == ""
+
+
+def test_hydra_s_flags_work(give, tmp_path):
+    assert "lambda: 0.0" in give(run.main, RunConfig, "run", "--cfg", "job").output
+    assert "output_dir: results/transfer/robust/ur3-original" in (
+        give(run.main, RunConfig, "run", "--cfg", "job", "--resolve", "experiment=transfer").output
+    )
+    assert "robot/ur3" in give(run.main, RunConfig, "run", "--info", "defaults").output
+    (tmp_path / "experiment").mkdir()
+    (tmp_path / "experiment" / "mine.yaml").write_text("# @package _global_\nepisodes: 3\n")
+    (tmp_path / "other.yaml").write_text("defaults: [run, _self_]\nslots: 4\n")
+    shown = []
+    assert give(shown.append, RunConfig, "run", "--config-dir", str(tmp_path), "experiment=mine").status == 0
+    assert give(shown.append, RunConfig, "run", f"--config-dir={tmp_path}", "--config-name=other").status == 0
+    assert (shown[0].episodes, shown[1].slots) == (3, 4)
+
+
+def test_a_shell_completes_settings_and_choices(give, monkeypatch):
+    assert "complete -" in give(run.main, RunConfig, "run", "-sc", "install=bash").output
+    for line, offered in (
+        ("command lam", "lambda="),
+        ("command robot=x", "robot=xarm6"),
+        ("command map.th", "map.theta="),
     ):
-        assert shown in output
-    assert "device=auto" in output and "in m" in output and "1/m" in output
+        monkeypatch.setenv("COMP_LINE", line)
+        assert offered in give(run.main, RunConfig, "run", "-sc", "query=bash").output.split()
+
+
+def test_bash_completes_the_words_of_a_module():
+    script = f"""
+        PATH={Path(sys.executable).parent}:$PATH
+        eval "$(python -m benchmark.replay -sc install=bash)"
+        COMP_WORDS=(python -m benchmark.replay tab) COMP_CWORD=3 COMP_LINE="python -m benchmark.replay tab"
+        $(complete -p python | sed 's/.*-F \\([^ ]*\\).*/\\1/')
+        echo "${{COMPREPLY[@]}}"
+    """
+    ended = subprocess.run(["bash", "-c", script], cwd=ROOT, capture_output=True, text=True, env=os.environ)
+    assert ended.stdout.split() == ["table="], ended.stderr
+
+
+def test_every_command_says_its_own_name():
+    for file in sorted(ROOT.glob("benchmark/**/*.py")):
+        if "run_command(main" in (text := file.read_text()):
+            module = ".".join(file.relative_to(ROOT).with_suffix("").parts)
+            assert f"python -m {module}" in text, module
+    assert replay.main.__module__ == "benchmark.replay"

@@ -1,5 +1,6 @@
 """Sweeps of `benchmark.run` through Hydra's launchers."""
 
+import json
 import math
 import os
 import shutil
@@ -7,19 +8,15 @@ import signal
 import subprocess
 import sys
 import time
-from collections import namedtuple
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hydra import initialize_config_dir
-from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.plugins import Plugins
 from hydra.types import HydraContext, RunMode
-from hydra_plugins.hydra_submitit_launcher.submitit_launcher import SlurmLauncher
 from omegaconf import OmegaConf
 from rich.console import Console
 
@@ -31,126 +28,79 @@ from benchmark.settings import command
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig
 from benchmark.sweeps.chosen_scale import with_scale
-from benchmark.sweeps.sweep import RELAUNCHES, failure_file, guides_source, job_name, launch, typed_jobs
+from benchmark.sweeps.job import guides_source, job_name
+from benchmark.sweeps.sweep import count_jobs
 from policies.methods import METHODS
 from richmap.robots.robots import load_robot
 from tests.made_up_episodes import episode
 
 ROOT = Path(__file__).parents[1]
-SEEDS = (42, 43, 44)
-OneJob = namedtuple("OneJob", "overrides config", defaults=[None])
-TwoWorkers = namedtuple("TwoWorkers", "workers", defaults=[2])
 COARSE = {"cell_size": 0.2, "theta": 0.3, "draw": 200, "turns": 16, "stop_rate": 0.2}
 
 
 @contextmanager
 def composing(*arguments):
     """Hydra, and what it makes of a command line."""
-    ConfigStore.instance().store("run_schema", command.named_as_typed(OmegaConf.structured(RunConfig)))
+    command.register(RunConfig, "run")
     with initialize_config_dir(str(command.CONF), version_base="1.3"):
         hydra = GlobalHydra.instance().hydra
         yield hydra, hydra.compose_config("run", [*arguments], run_mode=RunMode.MULTIRUN)
 
 
-def compositions(*arguments):
-    """Overrides and settings of the jobs that a command line makes."""
-    with composing(*arguments) as (hydra, config):
-        context = HydraContext(hydra.config_loader, None)
-        sweeper = Plugins.instance().instantiate_sweeper(hydra_context=context, task_function=None, config=config)
-        composed = list(sweeper.jobs(OmegaConf.to_container(config.hydra.overrides.task)))
-        for overrides, settings in composed[:: len(composed) // 3 + 1]:  # As Hydra composes them whole.
-            whole = hydra.config_loader.load_sweep_config(config, overrides)
-            assert settings == OmegaConf.masked_copy(whole, [*settings])
-        return composed
-
-
 def jobs(*arguments):
     """Settings of the jobs that a command line makes and a sweep takes."""
-    typed = [command.typed(settings, RunConfig) for _, settings in compositions(*arguments)]
+    with composing(*arguments) as (hydra, config):
+        context, launched = HydraContext(hydra.config_loader, None), []
+        sweeper = Plugins.instance().instantiate_sweeper(hydra_context=context, task_function=None, config=config)
+        sweeper.launcher.launch = lambda overrides, initial_job_idx: launched.extend(overrides) or []
+        sweeper.sweep(OmegaConf.to_container(config.hydra.overrides.task))
+        composed = [hydra.config_loader.load_sweep_config(config, overrides) for overrides in launched]
+        asked = [OmegaConf.masked_copy(each, [key for key in each if key != "hydra"]) for each in composed]
+    typed = [command.typed(each, RunConfig) for each in asked]
     return [job for job in typed if not guides_source(job)]
 
 
+def count(*arguments):
+    """How many jobs a sweep says that it has."""
+    with composing(*arguments) as (_, config):
+        return count_jobs(config)
+
+
 def test_the_transfer_table_is_nine_models_on_four_arms():
-    models = jobs("experiment=transfer", "robot=xarm6")
-    assert sorted((job.seed, job.checkpoint) for job in models) == [(s, r) for s in SEEDS for r in (1, 2, 3)]
-    assert {job.guidance_scale for job in models} == {0}
-    of_one = jobs("experiment=transfer", "seed=42", "checkpoint=1")
-    scales = [job.guidance_scale for job in of_one if job.robot.name == "ur5"]
-    assert scales == [0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1]
-    assert len(of_one) == 1 + 3 * 11 and 9 * sum(job.episodes for job in of_one) == 15_300
+    assert count("experiment=transfer") == 9 * 4 * 11
+    models = jobs("experiment=transfer", "robot=xarm6", "seed=43")
+    assert [job.checkpoint for job in models] == [1, 2, 3] and {job.guidance_scale for job in models} == {0}
+    of_one = jobs("experiment=transfer", "seed=42", "checkpoint=1", "robot=ur5")
+    assert [job.guidance_scale for job in of_one] == [0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1]
     assert {(job.setting, job.episodes, job.seed_start) for job in of_one} == {("original", 50, 100_000)}
-    assert {job.output_dir for job in of_one if job.robot.name == "ur3"} == {"results/transfer/robust/ur3-original"}
-    (clean,) = jobs("experiment=transfer", "recipe=clean", "robot=xarm6", "seed=42", "checkpoint=1")
+    (clean,) = jobs("experiment=transfer", "recipe=clean", "robot=xarm6", "seed=42", "checkpoint=1", "lambda=0")
     assert clean.output_dir == "results/transfer/clean/xarm6-original" and "clean-seed42-1" in job_name(clean)
 
 
 def test_the_methods_are_compared_by_the_strict_protocol():
-    models = jobs("experiment=methods", "robot=xarm6", "method=direct")
-    assert sorted((job.setting, job.seed) for job in models) == [(s, n) for s in ("best", "embodied") for n in SEEDS]
-    of_one = jobs("experiment=methods", "setting=best", "seed=44")
-    assert {(job.episodes, job.seed_start, job.checkpoint, job.guidance_scale) for job in of_one} == {
-        (500, 100_000, 1, None)
-    }
-    assert [job.method for job in of_one if job.robot.name == "ur10"] == [*METHODS]
-    assert len(of_one) == 1 + 3 * len(METHODS)
+    assert count("experiment=methods") == 2 * 3 * 4 * len(METHODS)
+    (one,) = jobs("experiment=methods", "setting=best", "seed=44", "robot=ur10", "method=projection")
+    assert (one.episodes, one.seed_start, one.checkpoint, one.guidance_scale) == (500, 100_000, 1, None)
 
 
 def test_the_command_line_narrows_an_experiment():
     (one,) = jobs("experiment=transfer", "robot=ur3", "seed=43", "checkpoint=2", "lambda=4", "setting=embodied")
     assert (one.robot.name, one.seed, one.checkpoint, one.guidance_scale) == ("ur3", 43, 2, 4)
     assert (one.setting, one.output_dir) == ("embodied", "results/transfer/robust/ur3-embodied")
-    two = jobs("experiment=methods", "robot=ur5", "setting=best", "seed=44", "method=direct,projection")
-    assert [job.method for job in two] == ["direct", "projection"]
 
 
-def test_a_combination_that_cannot_be_stops_no_other():
-    failed = {}
-    configs = typed_jobs(compositions("robot=ur3", "method=direct,paper", "lambda=0,0.5"), failed)
-    assert sorted((job.method, job.guidance_scale) for job in configs.values()) == [
-        ("direct", 0), ("paper", 0), ("paper", 0.5),
-    ]  # fmt: skip
-    assert failed == {"robot=ur3 method=direct lambda=0.5": "lambda=0.5 is not allowed. Allowed: 0 with method=direct."}
-    with pytest.raises(SettingError, match="0 with method=direct"):
-        typed_jobs(compositions("robot=ur3", "method=direct", "lambda=0.5,1"), {})
+def test_hydra_s_own_sweeps():
+    assert [job.robot.name for job in jobs("robot=glob(xarm*)")] == ["xarm6"]
+    assert [job.guidance_scale for job in jobs("lambda=range(0,0.3,0.1)")] == pytest.approx([0, 0.1, 0.2])
+    assert count("robot=glob(xarm*)", "lambda=choice(0,1)", "seed=range(42,45)") == 2 * 3
 
 
-def test_a_job_that_kills_its_worker_is_not_always_the_first(monkeypatch):
-    launched, left = [], {"a", "b", "c"}
-
-    class Launcher:
-        def launch(self, overrides, initial_job_idx):
-            launched.append("".join(overrides))
-            if len(launched) == 3:
-                left.remove("b")  # One is stored; after that none.
-            raise BrokenProcessPool("a worker was killed")
-
-    monkeypatch.setattr(
-        "benchmark.sweeps.sweep.unfinished", lambda jobs: {job: 1 for job in jobs if job.overrides in left}
-    )
-    launch({OneJob(name): 1 for name in "abc"}, Launcher(), Console(quiet=True))
-    assert launched[:4] == ["abc", "bca", "cab", "ac"] and len(launched) == 3 + RELAUNCHES + 1
-
-
-def test_submitit_on_this_machine_starts_no_more_jobs_than_there_are_workers():
-    launched = []
-
-    class LocalLauncher:
-        def launch(self, overrides, initial_job_idx):
-            launched.append((initial_job_idx, "".join(overrides)))
-
-    launch({OneJob(name, TwoWorkers()): 1 for name in "abcde"}, LocalLauncher(), Console(quiet=True))
-    assert launched == [(0, "ab"), (2, "cd"), (4, "e")]
-
-
-def test_on_slurm_all_jobs_are_handed_over_at_once():
-    with composing("hydra/launcher=submitit_slurm", "hydra.launcher.partition=short") as (hydra, config):
-        context = HydraContext(hydra.config_loader, None)
-        launcher = Plugins.instance().instantiate_launcher(hydra_context=context, task_function=None, config=config)
-    assert type(launcher).__name__ == SlurmLauncher.__name__ and launcher.params["partition"] == "short"
-    launched = []
-    launcher.launch = lambda overrides, initial_job_idx: launched.append("".join(overrides))
-    launch({OneJob(name, TwoWorkers()): 1 for name in "abcde"}, launcher, Console(quiet=True))
-    assert launched == ["abcde"]
+def test_two_sweeps_that_start_together_have_folders_of_their_own():
+    folders = set()
+    for _ in range(5):
+        with composing("lambda=0,1") as (_, config):
+            folders.add(config.hydra.sweep.dir)
+    assert len(folders) == 5
 
 
 def scales(folder, condition):
@@ -215,26 +165,32 @@ def sweep(folder, *arguments):
         return subprocess.Popen(command, cwd=ROOT, start_new_session=True, stdout=log, stderr=log)
 
 
+def when_stored(folder, running):
+    """Wait until the first episodes of a sweep are stored."""
+    deadline = time.monotonic() + 900
+    while read_episodes(folder).empty and running.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.1)
+
+
+def children(pid):
+    """Worker processes."""
+    listed = subprocess.run(["pgrep", "-P", str(pid), "-f", "loky.backend.popen"], capture_output=True, text=True)
+    return [int(line) for line in listed.stdout.split()]
+
+
 @pytest.fixture(scope="module")
 def swept(cache, tmp_path_factory):
-    """Rows of a sweep with a damaged policy that was killed and started again; those of before, its log, its folder.
-
-    A job that then ends well had failed before."""
+    """Rows of a sweep with a damaged policy that was killed and started again; those of before, its log, its folder."""
     folder = tmp_path_factory.mktemp("joblib")
     shutil.copytree(checkpoint_folder(42), folder / "good")
     shutil.copytree(checkpoint_folder(42), folder / "bad")
     (folder / "bad" / "model.safetensors").write_bytes(b"no weights")
     arguments = ["episodes=4", f"policy={folder / 'bad'},{folder / 'good'}"]
-    running, deadline = sweep(folder, *arguments), time.monotonic() + 900
-    while read_episodes(folder).empty and running.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.1)
+    running = sweep(folder, *arguments)
+    when_stored(folder, running)
     os.killpg(running.pid, signal.SIGKILL)
     running.wait()
     before = read_episodes(folder)
-    _, killed = jobs(*small(folder), "episodes=4", f"policy={folder / 'good'}")
-    failed = failure_file(folder / "sweep", job_name(killed))
-    failed.parent.mkdir(exist_ok=True)
-    failed.write_text("a job\nMemoryError: of the start before\n")
     status = sweep(folder, *arguments, "workers=1").wait(timeout=900)
     return read_episodes(folder), before, (status, (folder / "log.txt").read_text()), folder
 
@@ -244,53 +200,45 @@ def test_a_killed_sweep_goes_on_where_it_was(swept):
     assert 0 < len(before) < 8
     assert len(rows) == 8 and not rows.duplicated(["lambda", "episode_seed"]).any()
     assert set(rows.method) == {"direct", "paper"}
-    kept = rows[rows.row_hash.isin(before.row_hash)]
-    assert len(kept) == len(before)
-
-
-def test_a_sweep_does_not_call_edited_rows_stored(swept, tmp_path):
-    rows, *_, folder = swept
-    edited = rows.copy()
-    edited.loc[edited.index[0], "p2"] = not edited.p2.iloc[0]
-    edited.to_parquet(tmp_path / "episodes.parquet")
-    assert sweep(tmp_path, "episodes=4", f"policy={folder / 'good'}").wait(timeout=900) != 0
-    log = (tmp_path / "log.txt").read_text()
-    assert "is not as it was stored" in log and "All is stored" not in log and "Traceback" not in log
 
 
 def test_a_failed_job_leaves_its_reason_and_stops_no_other(swept):
     *_, (status, log), folder = swept
-    assert status == 1
-    files = sorted((folder / "sweep" / "failed").iterdir())
-    assert [file.name[: -len("-123456.txt")] for file in files] == [
-        "ur3-original-paper-0-bad",
-        "ur3-original-paper-0.5-bad",
-    ]
-    job, why, *_ = files[1].read_text().splitlines()
-    assert f"policy={folder / 'bad'}" in job and "lambda=0.5" in job and "SafetensorError" in why
+    assert status == 1 and "Traceback" not in log
+    records = [json.loads(file.read_text()) for file in sorted((folder / "sweep" / "jobs").glob("*.json"))]
+    failed = [record for record in records if record["reason"]]
+    assert [record["name"] for record in failed] == ["ur3, original, paper 0, bad", "ur3, original, paper 0.5, bad"]
+    assert f"policy={folder / 'bad'}" in failed[0]["command"]
     *_, first, second, last = log.splitlines()
-    assert f"Failed: {files[0].stem}: SafetensorError" in first and "0.5-bad" in second
+    assert first.startswith("Failed: ur3, original, paper 0, bad: ") and "0.5, bad" in second
     assert "The same command goes on" in last
 
 
-def test_where_every_job_failed_the_reasons_are_said_also_to_those_who_log(swept, tmp_path):
+def test_a_killed_worker_ends_a_sweep_and_sigterm_ends_its_workers(swept, tmp_path):
     *_, folder = swept
-    arguments = ["episodes=1", f"policy={folder / 'bad'}", "wandb.mode=offline", f"wandb.folder={tmp_path}"]
-    assert sweep(tmp_path, *arguments).wait(timeout=900) == 1
-    log = (tmp_path / "log.txt").read_text()
-    assert log.count("Failed: ur3-original-paper-") == 2 and "SafetensorError" in log and "Traceback" not in log
+    kill, ask = (lambda pid: os.kill(children(pid)[0], signal.SIGKILL)), (lambda pid: os.kill(pid, signal.SIGTERM))
+    for end, status in ((kill, 1), (ask, 143)):
+        running = sweep(tmp_path, "episodes=400", f"policy={folder / 'good'}")
+        when_stored(tmp_path, running)
+        workers = children(running.pid)
+        assert workers
+        end(running.pid)
+        assert running.wait(timeout=60) == status
+        time.sleep(2)
+        assert not [worker for worker in workers if Path(f"/proc/{worker}").exists()]
+        (tmp_path / "episodes.parquet").unlink(missing_ok=True)
+    *_, killed, ended = (tmp_path / "log.txt").read_text().splitlines()
+    assert "A worker process was killed" in killed and ended.startswith("Interrupted.")
 
 
-def test_a_cluster_s_jobs_store_the_same_rows_and_are_counted_and_logged(swept, cache, tmp_path, offline_runs):
+def test_a_cluster_s_jobs_store_the_same_rows_and_are_logged(swept, cache, tmp_path, offline_runs):
     rows, *_, folder = swept
     arguments = ["episodes=2", f"policy={folder / 'good'}", "hydra/launcher=submitit_local"]
     arguments += ["wandb.mode=offline", f"wandb.folder={tmp_path}", "wandb.group=mine"]
     assert sweep(tmp_path, *arguments).wait(timeout=900) == 0
-    log = (tmp_path / "log.txt").read_text()
-    assert (
-        "2 jobs of 4 episodes: 0 are stored, 2 to run. 0 cannot run." in log and "4/4" in log and "All is stored" in log
-    )
-    assert set(read_episodes(tmp_path).row_hash) == set(rows[rows.episode_seed < 100_002].row_hash)
+    columns, first = ["lambda", "episode_seed", "p2", "length"], rows[rows.episode_seed < rows.episode_seed.min() + 2]
+    again, before = (table[columns].sort_values(columns).to_numpy() for table in (read_episodes(tmp_path), first))
+    assert (again == before).all()
     runs = offline_runs(tmp_path)
     assert sorted(run.kind for run in runs) == ["curve", "evaluation", "evaluation", "field"]
     assert {run.group for run in runs} == {"mine"}

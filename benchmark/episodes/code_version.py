@@ -8,7 +8,7 @@ from pathlib import Path
 
 from benchmark.artifacts.cache import package_versions
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 PACKAGES = ("mujoco", "robosuite", "pin", "coal", "numpy", "scipy", "numba", "torch", "lerobot", "diffusers")
 """Whose versions decide an episode; pinned exactly."""
@@ -48,14 +48,14 @@ def code_version() -> str:
 
 def deciding_files() -> list[Path]:
     """The files that `code_version` is over."""
-    own = [ROOT / "benchmark" / f"{name}.py" for name in OWN]
-    own += [file for package in ("envs", "policies") for file in (ROOT / package).glob("*.py")]
+    own = [ROOT / "benchmark" / "rollouts" / f"{name}.py" for name in OWN]
+    own += [file for package in ("envs", "policies") for file in (ROOT / package).rglob("*.py")]
     noted = ["richmap.similarity.similarity", "benchmark.settings.config"]  # Columns stand for field and settings.
     finder = ModuleFinder(path=[str(ROOT)], excludes=noted)
     for file in own:
         finder.run_script(str(file))
     found = {Path(module.__file__) for module in finder.modules.values() if module.__file__}
-    imported = {file for file in found if file.parent == ROOT / "richmap"}
+    imported = {file for file in found if file.is_relative_to(ROOT / "richmap")}
     return sorted({*own, *imported, *(ROOT / "richmap").rglob("*.safetensors")})
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from benchmark.artifacts.outputs import replacing
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import MapConfig, RobotConfig, check_folder
+from benchmark.settings.config import MapConfig, RobotConfig, check_folder, robot_field
 
 if TYPE_CHECKING:
     import numpy as np
@@ -31,7 +31,7 @@ ASKED = {"direction": True, "pose": False}
 class ApproximateIkConfig:
     """Measures how near the configurations that a map stores are to asked poses, and what a few steps make of them."""
 
-    robot: RobotConfig = field(default_factory=RobotConfig)
+    robot: RobotConfig = robot_field("panda")
     """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom; its rows replace older ones in the table."""
     poses: int = 20_000
     """Number of configurations drawn, whose poses are asked for if they are free of self-collision; 100 or more."""

@@ -3,13 +3,13 @@
 python -m benchmark.map_quality.capability_map robot=panda
 """
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import RobotConfig
+from benchmark.settings.config import RobotConfig, robot_field
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -26,7 +26,7 @@ PAPER_INSERTED = {"panda": 10_700_000, "iiwa7": 9_800_000, "ur5e": 16_400_000, "
 class CapabilityMapConfig:
     """Builds an arm's capability map, which holds full orientations; it is cached."""
 
-    robot: RobotConfig = field(default_factory=RobotConfig)
+    robot: RobotConfig = robot_field("panda")
     """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
     cell_size: float = 0.05
     """Edge of a cubic cell, in m, above 0."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from benchmark.artifacts.outputs import replacing, store_rows
 from benchmark.map_quality.verified_maps import VerifiedMap
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import MapConfig, RobotConfig, check_folder
+from benchmark.settings.config import MapConfig, RobotConfig, check_folder, robot_field
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,7 +29,7 @@ LABELS = ("strict", "loose")
 class MapGrowthConfig:
     """Scores an arm's map of directions while it is built, as in the paper's figure over inserted poses."""
 
-    robot: RobotConfig = field(default_factory=RobotConfig)
+    robot: RobotConfig = robot_field("panda")
     """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom; its rows replace older ones in the table."""
     millions: list[float] = field(default_factory=lambda: [0.2, 0.5, 1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 15.0, 18.0])
     """Inserted directions, in millions, at which the map is scored; once more at the end. Rising numbers above 0."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmark.artifacts.outputs import replacing
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import SOURCE, MapConfig, RobotConfig, check_folder
+from benchmark.settings.config import SOURCE, MapConfig, RobotConfig, check_folder, robot_field
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,7 +35,7 @@ ELEVATION = 25
 class PicturesConfig:
     """Draws an arm's map and what it is good for; the map is built if it is not in the cache."""
 
-    robot: RobotConfig = field(default_factory=RobotConfig)
+    robot: RobotConfig = robot_field("ur3")
     """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
     workers: int = 2
     """Processes that sample; the map does not depend on it. A whole number >= 1."""

@@ -13,7 +13,7 @@ import numpy as np
 from benchmark.artifacts.outputs import replacing
 from benchmark.map_quality.pictures import half_filled_cell
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import SOURCE, MapConfig, RobotConfig, check_folder
+from benchmark.settings.config import SOURCE, MapConfig, RobotConfig, check_folder, robot_field
 
 if TYPE_CHECKING:
     import trimesh
@@ -34,7 +34,7 @@ ARM, CAP = (70, 90, 120, 255), (200, 40, 40, 255)
 class ViewConfig:
     """Shows an arm and its map in three dimensions, in a web browser; the map is built if it is not in the cache."""
 
-    robot: RobotConfig = field(default_factory=RobotConfig)
+    robot: RobotConfig = robot_field("ur3")
     """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
     colour: str = "coverage"
     """What cells are coloured by: coverage, or mmd (discrepancy of directions against the xArm6's)."""

@@ -4,12 +4,14 @@ import math
 import os
 import re
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.settings.command import SettingError, check_setting
 from benchmark.settings.recipe import USUAL, check_recipe
+from benchmark.settings.setting import SettingError, check_setting
 from policies.methods import METHODS
+from richmap.robots.robots import ROBOTS
 from richmap.similarity.energy_settings import CHOICES, EnergySettings
 
 if TYPE_CHECKING:
@@ -75,6 +77,11 @@ class RobotConfig:
             return custom_robot(self.path, self.base, self.end_effector)
         except ValueError as error:
             raise SettingError(f"robot=custom: {error}") from error
+
+
+def robot_field(default: str, choices: tuple[str, ...] = (*ROBOTS, "custom")) -> RobotConfig:
+    """The field of a schema that picks an arm."""
+    return field(default_factory=partial(RobotConfig, default), metadata={"choices": choices})
 
 
 @dataclass(unsafe_hash=True)
@@ -194,7 +201,7 @@ class WandbConfig:
 class RunConfig:
     """Rolls out the xArm6's policy on an arm, without guidance and with it, on the same episodes, and compares."""
 
-    robot: RobotConfig = field(default_factory=RobotConfig, metadata={"choices": TASK_ARMS})
+    robot: RobotConfig = robot_field("ur3", TASK_ARMS)
     """Arm that acts: xarm6 (the source itself), ur3, ur5 or ur10."""
     guidance_scale: float | None = 0.0
     """Scale of the method, any number >= 0; 0 is direct transfer, null the one that benchmark.scales chose for this
@@ -279,7 +286,7 @@ class RunConfig:
 class OracleConfig:
     """Rolls out the scripted oracle on an arm: what the task allows there without a learned policy."""
 
-    robot: RobotConfig = field(default_factory=RobotConfig, metadata={"choices": TASK_ARMS})
+    robot: RobotConfig = robot_field("ur3", TASK_ARMS)
     """Arm: xarm6, ur3, ur5 or ur10."""
     setting: str = "embodied"
     """What the arm may do: original, embodied or best (see benchmark.run)."""
@@ -327,7 +334,7 @@ class FractionMapConfig:
 class VerifyMapsConfig:
     """Scores an arm's maps on poses that inverse kinematics has labelled, beside the paper's figures."""
 
-    robot: RobotConfig = field(default_factory=RobotConfig)
+    robot: RobotConfig = robot_field("panda")
     """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom; its rows replace older ones in the tables."""
     poses: int = 200_000
     """Poses of each test set; a larger number adds to those that are in the cache. A whole number >= 100."""

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from benchmark.settings.command import check_setting
+from benchmark.settings.setting import check_setting
 
 USUAL = "robust"
 

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from benchmark.settings.command import check_setting
 from benchmark.settings.config import EnergyConfig, MapConfig
+from benchmark.settings.setting import check_setting
 
 
 @dataclass

@@ -13,7 +13,7 @@ import os
 import shutil
 import subprocess
 import sys
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -23,7 +23,15 @@ from benchmark.artifacts.outputs import replacing, store_rows
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.missing_episodes import run_and_store
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import SETTINGS, TASK_ARMS, RobotConfig, RunConfig, check_folder, check_seeds
+from benchmark.settings.config import (
+    SETTINGS,
+    TASK_ARMS,
+    RobotConfig,
+    RunConfig,
+    check_folder,
+    check_seeds,
+    robot_field,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,7 +49,7 @@ KEY = ["robot", "setting", "checkpoint_hash", "code_version", "episode_seed"]
 class LerobotAgreementConfig:
     """Compares the success that lerobot-eval measures with that of our rollouts, on the same episodes."""
 
-    robot: RobotConfig = field(default_factory=RobotConfig, metadata={"choices": TASK_ARMS})
+    robot: RobotConfig = robot_field("ur3", TASK_ARMS)
     """Arm: xarm6, ur3, ur5 or ur10."""
     setting: str = "embodied"
     """What the arm may do: original, embodied or best (see benchmark.run)."""

@@ -12,6 +12,19 @@ from policies.methods import METHODS
 
 if TYPE_CHECKING:
     import pandas as pd
+    from rich.console import Console
+
+    from benchmark.rollouts.rollout import Rollout
+
+
+def rollouts_of(config: RunConfig, console: "Console") -> "list[Rollout]":
+    """What settings ask for: direct transfer, and guidance at their scale unless that is 0."""
+    from benchmark.artifacts.known_policies import chosen_checkpoint
+    from benchmark.rollouts.make_rollout import make_rollout
+
+    config = with_scale(config)
+    checkpoint = chosen_checkpoint(config)
+    return [make_rollout(config, scale, checkpoint, console) for scale in sorted({0.0, config.guidance_scale})]
 
 
 def with_scale(config: RunConfig) -> RunConfig:

@@ -1,0 +1,117 @@
+"""What a setting is: its name as typed, its description and default, and the error of a value that it cannot have."""
+
+import ast
+import inspect
+import re
+import textwrap
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from functools import reduce
+from typing import Any, get_args, get_origin
+
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+PYTHON_NAME = {"lambda": "guidance_scale"}
+"""Settings whose name cannot be a field in Python."""
+
+TYPED_NAME = {python: typed for typed, python in PYTHON_NAME.items()}
+
+
+class SettingError(ValueError):
+    """A setting has a value that it cannot have; the message names the setting, the value and what is allowed."""
+
+
+def check_setting(condition: bool, name: str, value: Any, allowed: str) -> None:
+    """Raise `SettingError` unless the condition holds."""
+    if not condition:
+        raise SettingError(f"{name}={value} is not allowed. Allowed: {allowed}.")
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One setting of a command."""
+
+    text: str
+    """The docstring below its field."""
+    default: Any
+    """The schema's; what acts may come from a file of `conf/`."""
+    kind: type = object
+    """`str` for a text, `list` for a list of texts."""
+
+
+def settings_of(schema: type, prefix: str = "") -> dict[str, Setting]:
+    """Every setting of a schema by its name on the command line."""
+    texts, settings = _docstrings(schema), {}
+    for field in fields(schema):
+        if get_origin(field.type) is dict:  # Only for callers from Python.
+            continue
+        name, text = prefix + TYPED_NAME.get(field.name, field.name), texts.get(field.name, "")
+        if not is_dataclass(field.type):
+            settings[name] = Setting(text, _default(field), _kind(field.type))
+            continue
+        of_field = settings_of(field.type, f"{name}.")
+        if choices := field.metadata.get("choices"):  # The choice sets `<name>.name`.
+            settings[name] = Setting(text, _default(field).name)
+            of_field.pop(f"{name}.name")
+            of_field = of_field if "custom" in choices else {}  # A choice among known ones leaves nothing else to set.
+        settings |= of_field
+    return settings
+
+
+def choices_of(schema: type) -> dict[str, tuple[str, ...]]:
+    """The settings that pick one of several groups of values, and what each can be."""
+    return {field.name: tuple(field.metadata["choices"]) for field in fields(schema) if "choices" in field.metadata}
+
+
+def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
+    """The composed settings as an object of the schema.
+
+    Raises:
+        SettingError: If one has a value that it cannot have.
+    """
+    try:
+        values = {PYTHON_NAME.get(str(key), str(key)): value for key, value in config.items()}
+        return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(schema), values))
+    except OmegaConfBaseException as error:
+        known, key = settings_of(schema), TYPED_NAME.get(str(error.full_key), str(error.full_key))
+        if key not in known:
+            raise SettingError(f"{key}: {' '.join(str(error.msg or error).split())}") from error
+        raw = OmegaConf.to_container(config, resolve=False)
+        value = reduce(lambda node, part: node[part], key.split("."), raw)
+        shown = "null" if value is None else value
+        raise SettingError(f"{key}={shown} is not allowed. {key}: {_short(known[key].text)}") from error
+
+
+def as_typed(schema: type) -> dict[str, Any]:
+    """The schema's defaults as plain values under the names that people type."""
+    plain = OmegaConf.to_container(OmegaConf.structured(schema))
+    return {TYPED_NAME.get(key, key): value for key, value in plain.items()}
+
+
+def _docstrings(schema: type) -> dict[str, str]:
+    """The text below each field, of the schema and of those that it extends."""
+    texts = {}
+    for each in reversed([each for each in schema.__mro__ if is_dataclass(each)]):
+        (body,) = (node.body for node in ast.parse(textwrap.dedent(inspect.getsource(each))).body)
+        for field_node, text_node in zip(body, body[1:], strict=False):
+            if isinstance(field_node, ast.AnnAssign) and isinstance(text_node, ast.Expr):
+                texts[field_node.target.id] = " ".join(text_node.value.value.split())
+    return texts
+
+
+def _short(text: str) -> str:
+    """A description that fits into an error."""
+    if len(text) <= 160:
+        return text
+    return re.split(r"[;.] ", text, maxsplit=1)[0].rstrip(".") + "."
+
+
+def _kind(hint: Any) -> type:
+    first = get_args(hint)[:1]
+    if hint is str or (first == (str,) and get_origin(hint) is not list):
+        return str
+    return list if first == (str,) else object
+
+
+def _default(field: Field) -> Any:
+    return field.default if field.default_factory is MISSING else field.default_factory()

@@ -1,0 +1,135 @@
+"""A job of a sweep of `benchmark.run`: one combination of settings, in whatever process a launcher of Hydra's gives it.
+
+It is idempotent: what is stored is not run again, so a sweep that was ended anywhere is simply started again. What came
+of it goes to the folder `jobs` of the sweep's: `<number>.json`, and its rows beside that.
+"""
+
+import json
+import multiprocessing
+import os
+import signal
+import threading
+import time
+import traceback
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+from benchmark.settings.config import SOURCE, RunConfig
+from benchmark.settings.recipe import policy_name
+from benchmark.settings.setting import SettingError, typed
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+NOT_KEPT = ["path_x", "path_y"]
+"""Columns of a row that the sweep's own tables and curves do without."""
+
+
+@dataclass
+class JobRecord:
+    """What became of a job."""
+
+    name: str
+    command: str
+    """Which runs it alone."""
+    left_out: bool = False
+    """Whether it would guide the source, for which a table of transfer has no row."""
+    reason: str = ""
+    """Why it failed, in a line; empty if it did not."""
+    refused: bool = False
+    """Whether that was a wrong setting."""
+    trace: str = ""
+    """Where it failed, if it was not."""
+
+
+def run_job(config: DictConfig) -> None:
+    """Roll out at the job's lambda alone. Why it failed is written to the sweep's folder; it stops no other."""
+    _tie_to_launcher()
+    hydra = HydraConfig.get()
+    overrides = " ".join(hydra.overrides.task)
+    record, rows = JobRecord(overrides, f"python -m benchmark.run hydra.mode=RUN {overrides}"), None
+    try:
+        job = typed(config, RunConfig)
+        record.name = job_name(job)
+        record.left_out = guides_source(job)
+        if not record.left_out:
+            alone = hydra.runtime.choices["hydra/launcher"] == "basic"  # All jobs in one process, one after another.
+            rows = _rolled_out(job, job.workers if alone else 1, Path(hydra.sweep.dir))
+    except SettingError as error:
+        record.reason, record.refused = " ".join(str(error).split()), True
+    except Exception as error:
+        record.reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        record.trace = "".join(traceback.format_exception(error))
+    _write(Path(hydra.sweep.dir) / "jobs", hydra.job.num, record, rows)
+
+
+def _rolled_out(job: RunConfig, workers: int, sweep: Path) -> "pd.DataFrame":
+    """The job's rows, stored and logged."""
+    from rich.console import Console
+
+    from benchmark.rollouts.missing_episodes import run_and_store
+    from benchmark.sweeps.chosen_scale import rollouts_of
+    from benchmark.sweeps.experiment_log import log_evaluation, log_field
+
+    rollout = rollouts_of(job, Console(force_terminal=False))[-1]  # Jobs share the terminal.
+    rows = run_and_store(rollout, replace(job, workers=workers), Console(quiet=True))
+    try:
+        with suppress(FileExistsError):  # Once in a sweep.
+            (sweep / "jobs" / f"logged-{rollout.condition.field_fingerprint[:16]}").touch(exist_ok=False)
+            log_field(job, rollout, sweep.name)
+        log_evaluation(job, rollout, rows, sweep.name)
+    except Exception as error:
+        raise SettingError(f"Its episodes are stored, but W&B did not take them ({error}). Run it alone.") from error
+    return rows
+
+
+def _write(folder: Path, number: int, record: JobRecord, rows: "pd.DataFrame | None") -> None:
+    """Write what became of a job, and say it in a line."""
+    from benchmark.artifacts.outputs import replacing
+
+    if rows is not None:
+        with replacing(folder / f"{number}.parquet") as path:
+            rows.drop(columns=NOT_KEPT, errors="ignore").to_parquet(path, index=False)
+    with replacing(folder / f"{number}.json") as path:
+        path.write_text(json.dumps(asdict(record), indent=1))
+    if record.left_out:
+        return
+    total = folder / "total"
+    of = f" of {total.read_text()}" if total.exists() else ""
+    how = f"failed. {record.reason}" if rows is None else f"p2 {100 * rows.p2.mean():.1f} % of {len(rows)} episodes"
+    print(f"Job {number + 1}{of}: {record.name}: {how}", flush=True)
+
+
+def guides_source(config: RunConfig) -> bool:
+    """Whether a job would guide the source arm, which a table of transfer has without guidance only."""
+    return config.robot.name == SOURCE and config.method != "direct" and config.guidance_scale != 0
+
+
+def job_name(config: RunConfig) -> str:
+    """What a job is called."""
+    scale = "at the chosen scale" if config.guidance_scale is None else f"{config.guidance_scale:g}"
+    policy = Path(config.policy).name or policy_name(config.recipe, config.seed, config.checkpoint)
+    return f"{config.robot.name}, {config.setting}, {config.method} {scale}, {policy}"
+
+
+@cache
+def _tie_to_launcher() -> None:
+    """A worker process leaves Ctrl-C to the one that launched it, and ends when that one is gone, however it ended."""
+    launcher = multiprocessing.parent_process()
+    if launcher is None:  # This is the launching process, or a cluster's job.
+        return
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    threading.Thread(target=_end_without, args=(launcher.pid,), daemon=True).start()
+
+
+def _end_without(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(1)
+    os._exit(1)
