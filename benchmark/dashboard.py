@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING
 
 from benchmark.settings.command import SettingError, run_command
 from benchmark.settings.config import WandbConfig
+from benchmark.settings.task import chosen_task
 
 if TYPE_CHECKING:
     from wandb_workspaces.workspaces import Workspace
+
+    from envs.task import Task
 
 
 @dataclass
@@ -20,6 +23,8 @@ class DashboardConfig:
 
     project: str = WandbConfig.project
     """Project that the runs went to."""
+    task: str = "block_push"
+    """Whose scores and causes are shown (see benchmark.run)."""
     entity: str = ""
     """User or team of the project; empty for the account's own."""
 
@@ -33,7 +38,7 @@ def main(config: DashboardConfig) -> None:
     wandb.setup(wandb.Settings(silent=True))  # Nothing is asked.
     try:
         entity = config.entity or wandb.Api(timeout=PATIENCE).default_entity
-        print(workspace(entity, config.project).save().url)
+        print(workspace(entity, config.project, chosen_task(config.task)).save().url)
     except (wandb.Error, OSError) as error:  # The HTTP clients' errors are OSErrors.
         raise SettingError(
             f"W&B kept no workspace of project={config.project}: {error} It needs a network and an account: make one "
@@ -41,11 +46,8 @@ def main(config: DashboardConfig) -> None:
         ) from error
 
 
-def workspace(entity: str, project: str) -> "Workspace":
+def workspace(entity: str, project: str, task: "Task") -> "Workspace":
     """What is drawn from the runs of `benchmark.run`, `benchmark.train` and `benchmark.source_policies`."""
-    from benchmark.scoring.scores import SCORES
-    from envs.block_push.failure import CAUSES
-
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # It is written in an older style of pydantic.
         import wandb_workspaces.reports.v2 as panels
@@ -58,22 +60,25 @@ def workspace(entity: str, project: str) -> "Workspace":
             y=[f"curve/{score}", f"curve/{score}_low", f"curve/{score}_high"],
             range_y=(0, 1),
         )
-        for score in SCORES
+        for score in task.score_names
     ]
     differences = [
         panels.LinePlot(title=f"{score} minus direct transfer", x="lambda", y=[f"curve/{score}_difference"])
-        for score in SCORES
+        for score in task.score_names
     ]
     policies = [
         panels.ScatterPlot(
             title=f"{score}, each policy", x=panels.Config("lambda"), y=panels.SummaryMetric(score), range_y=(0, 1)
         )
-        for score in SCORES
+        for score in task.score_names
     ]
     causes = panels.BarPlot(
-        title="Failed episodes by cause", metrics=[panels.SummaryMetric(f"failed/{cause}") for cause in CAUSES]
+        title="Failed episodes by cause", metrics=[panels.SummaryMetric(f"failed/{cause}") for cause in task.causes]
     )
-    training = [panels.LinePlot(y=[name]) for name in ("train/loss", "train/lr", "train/grad_norm", "validation/p2")]
+    training = [
+        panels.LinePlot(y=[name])
+        for name in ("train/loss", "train/lr", "train/grad_norm", f"validation/{task.ranking[0]}")
+    ]
     sections = {
         "Success over lambda": [*curves, *differences],
         "Policies": policies,

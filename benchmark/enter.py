@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING
 from benchmark.artifacts.outputs import replacing
 from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.sent_rows import nearest, otherwise, refusals
-from benchmark.scoring.ranking import PROTOCOLS, Protocol
+from benchmark.scoring.ranking import Protocol, protocols_of
 from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.config import FIRST_TEST_SEED, TASK_ARMS, EnergyConfig, MapConfig, RobotConfig, RunConfig
+from benchmark.settings.task import chosen_task
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -35,6 +36,8 @@ SHOWN = 20
 class EnterConfig:
     """Evaluates somebody else's entry on the test episodes, or checks a table that was sent with it."""
 
+    task: str = "block_push"
+    """What is to be done (see benchmark.run)."""
     entry: str = ""
     """Folder of the entry: entry.yaml, and what it names. Its code is run: read it first."""
     table: str = ""
@@ -67,8 +70,9 @@ class EnterConfig:
         some = self.replays is None or self.replays >= 1
         check_setting(some, "replays", self.replays, "a whole number >= 1, or null for all rows")
         check_setting(bool(self.robots), "robots", self.robots, f"some of {', '.join(TASK_ARMS)}")
-        allowed = " or ".join(", ".join(protocol.settings) for protocol in PROTOCOLS)
-        fits = any({*self.settings} <= {*protocol.settings} for protocol in PROTOCOLS)
+        protocols = protocols_of(chosen_task(self.task))
+        allowed = " or ".join(", ".join(protocol.settings) for protocol in protocols)
+        fits = any({*self.settings} <= {*protocol.settings} for protocol in protocols)
         check_setting(bool(self.settings) and fits, "settings", self.settings, allowed)
         self.episodes = self.protocol.episodes if self.episodes is None else self.episodes
         self.slots = self.protocol.slots if self.slots is None else self.slots
@@ -82,7 +86,9 @@ class EnterConfig:
     @property
     def protocol(self) -> Protocol:
         """The one that counts episodes of these settings."""
-        return next(protocol for protocol in PROTOCOLS if self.settings[0] in protocol.settings)
+        return next(
+            protocol for protocol in protocols_of(chosen_task(self.task)) if self.settings[0] in protocol.settings
+        )
 
     def run(self, robot: str, setting: str) -> RunConfig:
         """Settings of an arm's rollouts."""
@@ -122,7 +128,7 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     from benchmark.episodes.trusted_rows import read_trusted
     from benchmark.rollouts.missing_episodes import run_and_store_all
     from benchmark.rollouts.rollout import alone
-    from benchmark.scoring.scores import SCORES, by_condition, with_interval
+    from benchmark.scoring.scores import by_condition, with_interval
 
     folder = Path(run.output_dir)
     if folder.resolve().is_relative_to(entry.folder.resolve()):
@@ -137,8 +143,8 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     tables = run_and_store_all(rollouts, run, entry.about.name, console)
     if dropped := drop_outdated(folder, rollouts[0].condition):
         console.print(f"{dropped} rows of these episodes by other files of the entry or older code are dropped.")
-    for row in (by_condition(table).iloc[0] for table in tables):
-        scores = ", ".join(f"{name} {with_interval(row, name)}" for name in SCORES)
+    for row in (by_condition(table, rollouts[0].task).iloc[0] for table in tables):
+        scores = ", ".join(f"{name} {with_interval(row, name)}" for name in rollouts[0].task.score_names)
         console.print(f"{row.robot}, {row.setting}, {row.checkpoint}, n = {row.n}: {scores}", soft_wrap=True)
     made = pd.concat(tables)
     made = made[made.arithmetic == arithmetic()]  # Those of other machines may differ here.

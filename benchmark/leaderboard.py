@@ -11,20 +11,24 @@ from benchmark.artifacts.outputs import replacing
 from benchmark.settings.command import SettingError, run_command
 from benchmark.settings.config import FIRST_TEST_SEED
 from benchmark.settings.recipe import USUAL, check_recipe, recipe_folder
+from benchmark.settings.task import chosen_task
 
 
 @dataclass
 class LeaderboardConfig:
     """Turns all stored test episodes into LEADERBOARD.md and leaderboard.html, by both protocols."""
 
+    task: str = "block_push"
+    """Of which task's episodes (see benchmark.run)."""
     recipe: str = USUAL
     """Whose episodes count: robust (policies that ship and learned from mostly disturbed episodes, and entries) or
-    clean (those that learned from undisturbed ones alone)."""
+    clean (those that learned from undisturbed ones alone). Of a task for which none ship, all policies count."""
     output_dir: str = "results"
     """Folder below which every episodes.parquet is read, of policies and of oracles. Both files go to it, for clean to
-    its folder clean; moving pictures come from the folder figures beside them."""
+    its folder clean, for another task to that's; moving pictures come from the folder figures beside them."""
 
     def __post_init__(self) -> None:
+        chosen_task(self.task)
         check_recipe(self.recipe)
 
 
@@ -35,25 +39,25 @@ def main(config: LeaderboardConfig) -> None:
     from benchmark.scoring.leaderboard_page import page
     from benchmark.scoring.leaderboard_text import markdown
     from benchmark.scoring.oracle_scores import with_oracles
-    from benchmark.scoring.ranking import PROTOCOLS, counted, leaderboard
+    from benchmark.scoring.ranking import counted, leaderboard, protocols_of
 
-    folder = Path(config.output_dir)
+    folder, task = Path(config.output_dir), chosen_task(config.task)
     episodes = read_all_episodes(folder, FIRST_TEST_SEED)
     if config.recipe != USUAL and len(episodes):
         episodes = episodes[episodes.entry_hash == ""]
-    tables, ours = {}, shipped(config.recipe)
-    for protocol in PROTOCOLS:
+    tables, ours = {}, shipped(config.recipe, task.name) or {*episodes.get("checkpoint_hash", ())}
+    for protocol in protocols_of(task):
         rows = counted(episodes, protocol, ours)
         if len(rows):
-            tables[protocol] = with_oracles(leaderboard(rows, protocol), episodes)
+            tables[protocol] = with_oracles(leaderboard(rows, protocol, task), episodes, task)
     if not tables:
         raise SettingError(
             f"There are no test episodes (seeds from {FIRST_TEST_SEED}) of a protocol that count, in any "
             f"episodes.parquet under {folder}. Make some: python -m benchmark.run protocol=strict robot=ur3 "
             f"recipe={config.recipe}"
         )
-    board = recipe_folder(folder, config.recipe)
-    text, html = markdown(tables, config.recipe), page(tables, board / "figures", config.recipe)
+    board = recipe_folder(folder if config.task == LeaderboardConfig.task else folder / task.name, config.recipe)
+    text, html = markdown(task, tables, config.recipe), page(task, tables, board / "figures", config.recipe)
     for file, content in ((board / "LEADERBOARD.md", text), (board / "leaderboard.html", html)):
         with replacing(file) as path:
             path.write_text(content)

@@ -24,20 +24,19 @@ def main(config: OracleConfig) -> None:
     from rich.console import Console
 
     from benchmark.episodes.arm import arm_name, chosen_arm
-    from benchmark.scoring.scores import SCORES, causes_text
+    from benchmark.scoring.scores import causes_text
     from benchmark.scoring.statistics import rate_interval
+    from benchmark.settings.task import chosen_task
 
-    player = ArmOracle(chosen_arm(config), config.oracle)
+    task = chosen_task(config.task)
+    player = ArmOracle(task, chosen_arm(config), config.oracle)
     output_dir, console = Path(config.output_dir) / arm_name(player.arm), Console()
     table = play_missing(player, config, output_dir, console)
-    for name in SCORES:
+    for name in task.score_names:
         values = table[name].to_numpy(dtype=float)
         low, high = rate_interval(values)
         console.print(f"{name}: {100 * values.mean():.1f} % [{100 * low:.1f}, {100 * high:.1f}]")
-    solved = table[table.p2]
     console.print(f"Mean length {table.length.mean():.1f} steps")
-    if len(solved):
-        console.print(f"Tracking error of solved episodes at most {1000 * solved.tracking_error_max.max():.1f} mm")
     console.print(f"Failed episodes by cause: {causes_text(table.failure_cause.dropna().value_counts().to_dict())}")
     console.print(f"Episodes: {output_dir / 'episodes.parquet'}", soft_wrap=True)
 

@@ -16,12 +16,14 @@ from benchmark.rollouts.row_rollout import row_rollout, stored_otherwise
 from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.config import ORACLE_METHODS
 from benchmark.settings.replay_config import ReplayConfig
+from benchmark.settings.task import chosen_task
 
 if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
 
     from benchmark.episodes.table import Episode
+    from envs.task import Task
 
 
 def main(config: ReplayConfig) -> None:
@@ -147,18 +149,18 @@ def again(row: Mapping[str, Any], config: ReplayConfig, console: "Console") -> "
         SettingError: If a piece that it was made with is missing.
     """
     if row["method"] in ORACLE_METHODS.values():
-        return oracle_alone(row)
+        return oracle_alone(row, chosen_task(config.task))
     return alone(row_rollout(row, config, console), row["episode_seed"])
 
 
-def oracle_alone(row: Mapping[str, Any]) -> "Episode":
+def oracle_alone(row: Mapping[str, Any], task: "Task") -> "Episode":
     """The episode of a scripted oracle."""
     from benchmark.episodes.arm import arm_of
     from benchmark.episodes.table import Episode
     from benchmark.rollouts.arm_oracle import ArmOracle, play_chunk
 
     (oracle,) = [name for name, method in ORACLE_METHODS.items() if method == row["method"]]
-    player, seed = ArmOracle(arm_of(row), oracle), row["episode_seed"]
+    player, seed = ArmOracle(task, arm_of(row), oracle), row["episode_seed"]
     (outcome,) = play_chunk((player, (seed,)))
     return Episode(player.condition, seed, 0, outcome)
 

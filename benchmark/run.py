@@ -30,8 +30,8 @@ def main(config: RunConfig) -> None:
             log_field(config, rollout, config.output_dir)
             log_evaluation(config, rollout, tables[-1], config.output_dir)
     with unharmed():
-        log_curves(config.wandb, tables, config.output_dir)
-    print_report(tables, Path(config.output_dir), console)
+        log_curves(rollouts[0].task, config.wandb, tables, config.output_dir)
+    print_report(rollouts[0].task, tables, Path(config.output_dir), console)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from benchmark.artifacts.outputs import replacing
 from benchmark.scoring.scale_table import CHOSEN_FOR, scale_table
 from benchmark.settings.command import run_command
+from benchmark.settings.task import chosen_task
 from benchmark.sweeps.scale_sweep import ScalesConfig, budget, markdown, method_fields, shown, sweep
 
 if TYPE_CHECKING:
@@ -26,15 +27,15 @@ def main(config: ScalesConfig) -> None:
     from benchmark.scoring.guidance_figures import draw_fields, draw_success
     from policies.guidance_methods import make_guidance
 
-    console, folder = Console(), config.folder
+    console, folder, task = Console(), config.folder, chosen_task(config.task)
     console.print(budget(config))
     direct = [
         make_rollout(config.run(seed), 0.0, path, console) for seed, path in zip(config.seeds, checkpoints, strict=True)
     ]
     fields = method_fields(config, console)
-    table = scale_table(sweep(config, direct, fields, console))
+    table = scale_table(sweep(config, direct, fields, console), task)
     with replacing(folder / "scales.md") as path:
-        path.write_text(markdown(table))
+        path.write_text(markdown(table, task))
 
     arm = table[(table[CHOSEN_FOR] == [getattr(direct[0].condition, name) for name in CHOSEN_FOR]).all(axis=1)]
     base = tuple(map(float, direct[0].condition.base.split()))[:2]
@@ -44,8 +45,8 @@ def main(config: ScalesConfig) -> None:
         if row.method in config.methods
     }
     figures = {
-        "success_against_scale": draw_success(arm),
-        "fields": draw_fields(guidances, base, demonstrated_path(10, console)),
+        "success_against_scale": draw_success(arm, task),
+        "fields": draw_fields(guidances, base, demonstrated_path(task, 10, console)),
     }
     for name, figure in figures.items():
         for ending in ("svg", "png"):
@@ -53,7 +54,7 @@ def main(config: ScalesConfig) -> None:
             with replacing(file) as path:
                 figure.savefig(path, dpi=100)
             console.print(f"Figure: {file}", soft_wrap=True)
-    console.print(shown(arm[arm.chosen]).to_markdown(index=False), soft_wrap=True, markup=False)
+    console.print(shown(arm[arm.chosen], task).to_markdown(index=False), soft_wrap=True, markup=False)
     console.print(f"Table: {folder / 'scales.md'}", soft_wrap=True)
 
 

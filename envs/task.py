@@ -130,6 +130,11 @@ class Task:
         """Names of `scores`."""
         return tuple(score.name for score in self.scores)
 
+    @property
+    def headline(self) -> tuple[str, ...]:
+        """The scores of short tables: what ranks, and what is shown first."""
+        return tuple(dict.fromkeys((self.ranking[0], self.scores[0].name)))
+
     def is_yes_or_no(self, score: str) -> bool:
         """Whether a score is no number between."""
         return self.columns[score] is bool

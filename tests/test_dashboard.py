@@ -6,19 +6,21 @@ import sys
 from pathlib import Path
 
 from benchmark.dashboard import workspace
-from benchmark.scoring.scores import SCORES
 from envs.block_push.failure import CAUSES
+from envs.block_push.task import BLOCK_PUSH
 
 ROOT = Path(__file__).parents[1]
 
 
 def test_every_score_has_its_curve_with_interval_and_every_cause_its_bar():
-    built = workspace("somebody", "guided-push")
+    built = workspace("somebody", "guided-push", BLOCK_PUSH)
     sections = {section.name: section.panels for section in built.sections}
     curves = {tuple(panel.y) for panel in sections["Success over lambda"]}
-    assert curves >= {(f"curve/{name}", f"curve/{name}_low", f"curve/{name}_high") for name in SCORES}
+    assert curves >= {(f"curve/{name}", f"curve/{name}_low", f"curve/{name}_high") for name in BLOCK_PUSH.score_names}
     assert {panel.x for panel in sections["Success over lambda"]} == {"lambda"}
-    assert [(panel.x.name, panel.y.name) for panel in sections["Policies"]] == [("lambda", name) for name in SCORES]
+    assert [(panel.x.name, panel.y.name) for panel in sections["Policies"]] == [
+        ("lambda", name) for name in BLOCK_PUSH.score_names
+    ]
     (causes,) = sections["Failures"]
     assert [bar.name for bar in causes.metrics] == [f"failed/{cause}" for cause in CAUSES]
     episodes, media = sections["Episodes"]

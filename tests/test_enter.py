@@ -23,11 +23,13 @@ from benchmark.episodes.trusted_rows import read_trusted
 from benchmark.rollouts import rollout
 from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.guidance_class import GuidanceClass
-from benchmark.scoring.ranking import PAPER, STRICT, counted
+from benchmark.scoring.ranking import counted, protocols_of
 from benchmark.settings.command import SettingError
 from envs.block_push.outcome import EpisodeOutcome
 from envs.block_push.scene import draw_scene
+from envs.block_push.task import BLOCK_PUSH
 
+PAPER, STRICT = protocols_of(BLOCK_PUSH)
 ROOT = Path(__file__).parents[1]
 SEEDS = [100_000, 100_001, 100_002]
 

@@ -39,7 +39,7 @@ def evaluated(transfer_episodes, tmp_path):
     )
     quiet = WandbConfig("offline", folder=str(tmp_path), video=False)
     config = RunConfig(RobotConfig("ur3"), setting="original", wandb=quiet, guidance_scale=0.5)
-    return config, Rollout(condition, checkpoint_folder(42), tmp_path / "field.safetensors"), rows
+    return config, Rollout(BLOCK_PUSH, condition, checkpoint_folder(42), tmp_path / "field.safetensors"), rows
 
 
 def test_what_was_logged_offline_can_be_read_back(tmp_path, offline_runs, capfd):
@@ -108,7 +108,9 @@ def test_artifacts_lead_from_maps_to_evaluation_and_from_a_training(
 
 def test_a_curve_has_a_point_for_each_lambda_over_all_policies(transfer_episodes, tmp_path, offline_runs):
     rows = transfer_episodes[(transfer_episodes.robot == "ur3") & (transfer_episodes.setting == "original")]
-    log_curves(WandbConfig("offline", folder=str(tmp_path), group="transfer"), [rows[:7], rows[7:]], "a sweep")
+    log_curves(
+        BLOCK_PUSH, WandbConfig("offline", folder=str(tmp_path), group="transfer"), [rows[:7], rows[7:]], "a sweep"
+    )
     (run,) = offline_runs(tmp_path)
     assert (run.name, run.kind, run.group) == ("ur3-original-paper", "curve", "transfer")
     assert [point["lambda"] for point in run.history] == [0, 0.5, 1]
@@ -176,7 +178,7 @@ def test_what_a_full_disk_costs_is_the_log_and_not_the_run(transfer_episodes, tm
 
     monkeypatch.setattr("wandb.init", full)
     with unharmed():
-        log_curves(WandbConfig("offline", folder=str(tmp_path)), [transfer_episodes], "sweep")
+        log_curves(BLOCK_PUSH, WandbConfig("offline", folder=str(tmp_path)), [transfer_episodes], "sweep")
     assert "W&B: not logged. OSError: [Errno 28] No space left on device" in capsys.readouterr().out
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import re
 import shutil
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -14,14 +15,19 @@ from benchmark.artifacts.known_policies import shipped
 from benchmark.episodes.arm import ARM, setting_text
 from benchmark.episodes.table import read_episodes
 from benchmark.leaderboard import LeaderboardConfig, main
-from benchmark.scoring.leaderboard_text import beside_the_paper, markdown
-from benchmark.scoring.oracle_scores import with_oracles
-from benchmark.scoring.ranking import PAPER, PROTOCOLS, STRICT, adjusted, as_usual, counted, counted_by_any, leaderboard
+from benchmark.scoring import leaderboard_text, oracle_scores, ranking
+from benchmark.scoring.leaderboard_text import beside_the_paper
+from benchmark.scoring.ranking import adjusted, as_usual, counted, counted_by_any, protocols_of
 from benchmark.scoring.statistics import holm, paired_p_value
 from benchmark.settings.command import CONF, SettingError
 from benchmark.settings.config import FIRST_TEST_SEED, TASK_ARMS, RunConfig
 from benchmark.settings.recipe import RECIPES, USUAL, recipe_folder
+from envs.block_push.task import BLOCK_PUSH
 
+PAPER, STRICT = PROTOCOLS = protocols_of(BLOCK_PUSH)
+leaderboard = partial(ranking.leaderboard, task=BLOCK_PUSH)
+with_oracles = partial(oracle_scores.with_oracles, task=BLOCK_PUSH)
+markdown = partial(leaderboard_text.markdown, BLOCK_PUSH)
 OURS = {f"hash of seed{seed}" for seed in ("42-1", "42-2", "43-1", "44-1")}
 
 
@@ -239,7 +245,8 @@ def test_two_policies_of_one_name_are_not_mixed(transfer_episodes):
 
 
 def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(transfer_episodes, tmp_path, monkeypatch):
-    monkeypatch.setattr(known_policies, "shipped", lambda recipe: OURS if recipe == "robust" else {"hash of seed44-1"})
+    shipped_ones = {"robust": OURS, "clean": {"hash of seed44-1"}}
+    monkeypatch.setattr(known_policies, "shipped", lambda recipe, _: shipped_ones[recipe])
     config = dataclasses.replace(LeaderboardConfig(), output_dir=str(tmp_path))
     with pytest.raises(SettingError, match="There are no test episodes"):
         main(config)

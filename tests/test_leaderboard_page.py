@@ -11,8 +11,10 @@ import pytest
 
 from benchmark.scoring.leaderboard_page import page
 from benchmark.scoring.oracle_scores import with_oracles
-from benchmark.scoring.ranking import PAPER, PROTOCOLS, STRICT, counted, leaderboard
+from benchmark.scoring.ranking import counted, leaderboard, protocols_of
+from envs.block_push.task import BLOCK_PUSH
 
+PAPER, STRICT = PROTOCOLS = protocols_of(BLOCK_PUSH)
 RESULTS = Path(__file__).parents[1] / "results"
 QUIET = [
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
@@ -40,7 +42,10 @@ def browser(tmp_path_factory):
 @pytest.fixture(scope="module")
 def tables(transfer_episodes):
     ours = {*transfer_episodes.checkpoint_hash}
-    return {x: with_oracles(leaderboard(counted(transfer_episodes, x, ours), x), transfer_episodes) for x in PROTOCOLS}
+    return {
+        x: with_oracles(leaderboard(counted(transfer_episodes, x, ours), x, BLOCK_PUSH), transfer_episodes, BLOCK_PUSH)
+        for x in PROTOCOLS
+    }
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +54,7 @@ def file(tables, tmp_path_factory):
     frames = np.zeros((2, 30, 40, 3), np.uint8)
     frames[1] = 255
     imageio.imwrite(folder / "ur3-embodied-lambda0.5-100000.gif", frames, duration=100, loop=0)
-    (folder / "leaderboard.html").write_text(page(tables, folder))
+    (folder / "leaderboard.html").write_text(page(BLOCK_PUSH, tables, folder))
     return folder / "leaderboard.html"
 
 

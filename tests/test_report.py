@@ -7,6 +7,7 @@ from rich.console import Console
 
 from benchmark.episodes.table import OPTIONAL
 from benchmark.scoring.report import print_report
+from envs.block_push.task import BLOCK_PUSH
 from tests.made_up_episodes import CONDITION, episode
 
 
@@ -17,7 +18,7 @@ def test_the_report_has_scores_causes_and_the_paired_difference(tmp_path, capsys
         pd.DataFrame([episode(seed, p2=bool(p2), condition=c).row() for seed, p2 in enumerate(both)]).astype(OPTIONAL)
         for c, both in placed.items()
     ]
-    print_report(tables, tmp_path, Console(width=200))
+    print_report(BLOCK_PUSH, tables, tmp_path, Console(width=200))
     shown = capsys.readouterr().out
     assert "40.0 [16.8, 68.7]" in shown and "90.0 [59.6, 98.2]" in shown  # Wilson's, as in his paper.
     assert "by cause, lambda 0: outer_reach 6" in shown and "by cause, lambda 0.5: outer_reach 1" in shown

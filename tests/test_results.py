@@ -10,6 +10,7 @@ import pytest
 from benchmark.episodes.table import COLUMNS, episodes_of, read_episodes, row_hash, store_episodes
 from benchmark.episodes.trusted_rows import read_all_episodes
 from benchmark.scoring.scores import by_condition, paired
+from envs.block_push.task import BLOCK_PUSH
 from tests.made_up_episodes import CONDITION, episode
 
 
@@ -53,7 +54,7 @@ def test_two_processes_do_not_write_over_each_other(tmp_path):
 
 def test_the_scores_of_a_condition_are_what_counting_by_hand_gives():
     rows = [episode(0), episode(1, p2=False), episode(2, p1=False, p2=False), episode(3)]
-    (row,) = by_condition(pd.DataFrame([e.row() for e in rows])).to_dict("records")
+    (row,) = by_condition(pd.DataFrame([e.row() for e in rows]), BLOCK_PUSH).to_dict("records")
     assert (row["n"], row["p1"], row["p2"], row["causes"]) == (4, 0.75, 0.5, {"outer_reach": 2})
     assert row["score"] == pytest.approx((1 + 0.49 + 0 + 1) / 4)
     assert row["p2_low"] < 0.5 < row["p2_high"]
@@ -62,7 +63,7 @@ def test_the_scores_of_a_condition_are_what_counting_by_hand_gives():
 def test_differences_are_taken_on_the_seeds_that_both_have():
     a = pd.DataFrame([episode(s).row() for s in (1, 2, 3)])
     b = pd.DataFrame([episode(s, p2=s == 3).row() for s in (2, 3, 4)])
-    table = paired(a, b).set_index("score")
+    table = paired(a, b, BLOCK_PUSH).set_index("score")
     assert (table.n == 2).all()
     assert table.difference["p2"] == 0.5 and table.difference["p1"] == 0
     assert table.p["p2"] == 1.0

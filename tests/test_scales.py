@@ -11,8 +11,11 @@ from benchmark.rollouts import arm_oracle, rollout
 from benchmark.scoring.scale_table import scale_table
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import RobotConfig
+from benchmark.sweeps.chosen_scale import read_methods, with_scale
 from benchmark.sweeps.scale_sweep import ScalesConfig
-from policies.methods import METHODS
+from envs.block_push.task import BLOCK_PUSH
+from policies.methods import FIRST, METHODS
+from policies.methods import scales as scales_of
 from tests.made_up_episodes import CONDITION, episode
 
 
@@ -23,9 +26,9 @@ def rows(method, scale, placed, first=50_000, weights="abc"):
 
 
 def test_scales_double_and_every_method_has_some():
-    assert set(scales.FIRST) == set(METHODS) - {"direct"}
-    for method in scales.FIRST:
-        values = scales.scales(method, 9)
+    assert set(FIRST) == set(METHODS) - {"direct"}
+    for method in FIRST:
+        values = scales_of(method, 9)
         np.testing.assert_array_equal(np.divide(values[1:], values[:-1]), 2)
         assert len(values) == (5 if METHODS[method].counts else 9)
 
@@ -36,13 +39,13 @@ def test_the_table_is_what_counting_by_hand_gives():
         + rows("paper", 0.5, [1, 1, 0, 0]) + rows("paper", 0.5, [1, 1, 0, 0], weights="other")
         + rows("paper", 1.0, [1, 1, 1, 1]) + rows("paper", 1.0, [0, 0, 0, 0], weights="other")
     )  # fmt: skip
-    table = scale_table(episodes).set_index(["method", "lambda"])
+    table = scale_table(episodes, BLOCK_PUSH).set_index(["method", "lambda"])
     paper = table.loc["paper", 0.5]
     assert (paper.n, paper.p2, paper.checkpoints) == (8, 0.5, 2)
     assert paper.p2_difference == pytest.approx(0.5 - 0.25)  # Not what pairing by the episode alone would give.
     assert paper.p2_difference_low < 0.25 < paper.p2_difference_high
     assert table.chosen.to_dict() == {("direct", 0.0): True, ("paper", 0.5): True, ("paper", 1.0): False}  # a tie
-    text = scales.markdown(table.reset_index())
+    text = scales.markdown(table.reset_index(), BLOCK_PUSH)
     assert "## ur3, embodied" in text and "| paper" in text and "+25.0" in text
 
 
@@ -51,7 +54,7 @@ def test_a_scale_that_was_not_rolled_out_whole_is_not_chosen():
         rows("direct", 0.0, [1, 0, 0, 1]) + rows("paper", 0.5, [1, 1, 0, 0]) + rows("paper", 1.0, [1, 1])
         + rows("towards", 0.1, [1])
     )  # fmt: skip
-    table = scale_table(episodes)
+    table = scale_table(episodes, BLOCK_PUSH)
     assert [*zip(table.method, table["lambda"], table.n, table.chosen, strict=True)] == [
         ("direct", 0.0, 4, True),
         ("paper", 0.5, 4, True),
@@ -64,10 +67,10 @@ def test_scales_of_two_fields_are_two():
     coarse = pd.DataFrame(rows("paper", 0.5, [1, 1]) + rows("paper", 1.0, [0, 1])).assign(cell_size=0.05)
     fine = pd.DataFrame(rows("paper", 0.5, [0, 0]) + rows("paper", 1.0, [0, 1])).assign(cell_size=0.02)
     of_both = [coarse.assign(field_fingerprint="a"), fine.assign(field_fingerprint="b")]
-    table = scale_table(pd.concat([pd.DataFrame(rows("direct", 0.0, [1, 0])), *of_both], ignore_index=True))
+    table = scale_table(pd.concat([pd.DataFrame(rows("direct", 0.0, [1, 0])), *of_both], ignore_index=True), BLOCK_PUSH)
     chosen = table[table.chosen & (table.method == "paper")]
     assert [*zip(chosen.cell_size, chosen["lambda"], chosen.p2, strict=True)] == [(0.02, 1, 0.5), (0.05, 0.5, 1)]
-    assert "paper, cells 0.02 m" in scales.markdown(table)
+    assert "paper, cells 0.02 m" in scales.markdown(table, BLOCK_PUSH)
 
 
 @pytest.fixture
@@ -97,7 +100,7 @@ def test_a_sweep_ends_where_the_policy_collapses_and_all_points_share_their_epis
     assert "19 points (direct transfer and 2 methods) x 1 checkpoints x 4 episodes = 76 episodes" in " ".join(
         capsys.readouterr().out.split()
     )
-    table = scales.read_methods(tmp_path / "robust" / "ur3-embodied", range(50_000, 60_000))
+    table = read_methods(tmp_path / "robust" / "ur3-embodied", range(50_000, 60_000))
     for method in ("away", "towards"):
         assert sorted(table[table.method == method]["lambda"].unique()) == [0.0125, 0.025, 0.05, 0.1]
     points = table.groupby(["method", "lambda"]).episode_seed.agg(sorted)
@@ -125,7 +128,7 @@ def test_edited_episodes_choose_no_scale_and_are_not_gone_on_with(simulated, tmp
     table.to_parquet(file)
     run = dataclasses.replace(config.run(42), method="towards", guidance_scale=None, scales_dir=str(tmp_path))
     for gone_on in (
-        lambda: scales.with_scale(run),
+        lambda: with_scale(run),
         lambda: scales.main(settings(tmp_path, methods=["towards"], episodes=5)),
     ):
         with pytest.raises(SettingError, match="towards/episodes.parquet, row 0 .* is not as it was stored"):

@@ -19,6 +19,7 @@ from benchmark.settings.config import RobotConfig, RunConfig
 
 CONFIG = RunConfig(robot=RobotConfig("ur3"), slots=2, device="cpu")
 SEEDS = [50_000, 50_001]
+SHOWN = {"observation.state": (4,), "observation.environment_state": (12,), "action": (2,)}
 
 
 def rollout(folder):
@@ -58,7 +59,7 @@ def test_it_acts_in_metres_as_its_processors_say(untrained):
     """Its own actions lie in [-1, 1]; what reaches the arm lies within the demonstrations' actions."""
     from benchmark.rollouts.stock_policy import StockPolicy
 
-    policy = StockPolicy(untrained, "cpu")
+    policy = StockPolicy(untrained, "cpu", SHOWN)
     policy.reset()
     batch = {"observation.state": torch.rand(64, 4), "observation.environment_state": torch.rand(64, 12)}
     actions = policy.select_action(batch, 0, 0)
@@ -81,8 +82,10 @@ def test_a_policy_that_wants_pictures_is_refused(untrained, tmp_path):
 
     text = (untrained / "config.json").read_text()
     (tmp_path / "config.json").write_text(text.replace('"observation.state"', '"observation.image"'))
-    with pytest.raises(SettingError, match=r"has observation.image \(4,\). Here there are action \(2,\), obs"):
-        StockPolicy(tmp_path, "cpu")
+    with pytest.raises(
+        SettingError, match=r"has observation.image \(4,\). Here there are observation.state \(4,\), obs"
+    ):
+        StockPolicy(tmp_path, "cpu", SHOWN)
 
 
 @pytest.mark.parametrize("features, name, size", [("input", "observation.state", 16), ("output", "action", 3)])
@@ -93,7 +96,7 @@ def test_a_policy_for_other_observations_or_actions_is_refused(untrained, tmp_pa
     config[f"{features}_features"][name]["shape"] = [size]
     (tmp_path / "config.json").write_text(json.dumps(config))
     with pytest.raises(SettingError, match=rf"has {name} \({size},\). Here there are"):
-        StockPolicy(tmp_path, "cpu")
+        StockPolicy(tmp_path, "cpu", SHOWN)
 
 
 @pytest.mark.parametrize("text", ["{", "[]", "{}", '{"type": 3}'])

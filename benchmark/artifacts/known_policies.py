@@ -55,6 +55,7 @@ def policies_in(folder: Path, recipe: str) -> list[Path]:
     return [file.parent for file in folder.glob(f"{policy_name(recipe, '*', '*')}/model.safetensors")]
 
 
-def shipped(recipe: str = USUAL) -> set[str]:
-    """Hashes of a recipe's policies that ship with the project."""
-    return {Checkpoint(folder).policy_hash for folder in policies_in(CHECKPOINTS[0], recipe)}
+def shipped(recipe: str = USUAL, task: str = RunConfig.task) -> set[str]:
+    """Hashes of a recipe's policies that ship with the project, for a task."""
+    folder = CHECKPOINTS[0] if task == RunConfig.task else CHECKPOINTS[0] / task
+    return {Checkpoint(policy).policy_hash for policy in policies_in(folder, recipe)}

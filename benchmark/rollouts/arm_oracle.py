@@ -1,32 +1,27 @@
 """The scripted oracles as players on an arm: which arm, which oracle, and what comes out, seed by seed."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache, partial
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 from benchmark.settings.config import ORACLE_METHODS, SOURCE
 
 if TYPE_CHECKING:
+    import gymnasium
     import numpy as np
     from rich.console import Console
 
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from envs.block_push.outcome import EpisodeOutcome
-
-if TYPE_CHECKING:
     from benchmark.episodes.table import Condition
     from envs.arm.arms import ArmSetting
-    from envs.arm.feasibility import TableFeasibility
-    from envs.block_push.outcome import EpisodeOutcome
+    from envs.task import Controller, Task
 
 
 @dataclass(frozen=True)
 class ArmOracle:
-    """One of the oracles, on an arm."""
+    """One of a task's oracles, on an arm."""
 
+    task: "Task"
     arm: "ArmSetting"
     oracle: str
     """`plain` or `aware`."""
@@ -60,70 +55,54 @@ class ArmOracle:
         )
 
 
-def play_chunk(chunk: tuple[ArmOracle, tuple[int, ...]]) -> "list[EpisodeOutcome]":
+def play_chunk(chunk: tuple[ArmOracle, tuple[int, ...]]) -> list[Any]:
     """Outcomes of an oracle's episodes on an arm with these seeds."""
-    from envs.block_push.aware_oracle import AwareOracle
-    from envs.block_push.oracle import Oracle, run_oracle
-    from envs.block_push.outcome import summarize
+    from envs.task import play_oracle
 
     player, seeds = chunk
-    make_oracle = Oracle if player.oracle == "plain" else partial(AwareOracle, _table(player.arm))
-    return [summarize(run_oracle(_environment(player.arm), seed, make_oracle)) for seed in seeds]
+    env, make = _environment(player.task, player.arm), _prepared(player)
+    return [player.task.summarize(play_oracle(env, seed, make)) for seed in seeds]
 
 
 @lru_cache(maxsize=2)
-def _table(arm: "ArmSetting") -> "TableFeasibility":
-    """Where the arm can hold its tool; once per worker process, since it takes seconds."""
-    from envs.arm.feasibility import table_feasibility
-    from envs.block_push.workspace import WORKSPACE
-
-    return table_feasibility(arm, 0.01, WORKSPACE)
+def _prepared(player: ArmOracle) -> "Callable[[dict[str, Any]], Controller]":
+    """The oracle on its arm; once per worker process, since it may take seconds."""
+    return player.task.oracle(player.oracle)(player.arm)
 
 
 @lru_cache(maxsize=2)
-def _environment(arm: "ArmSetting"):
+def _environment(task: "Task", arm: "ArmSetting") -> "gymnasium.Env":
     """One environment per worker process, kept from episode to episode."""
-    import gymnasium
-
-    import envs
-
-    return gymnasium.make(
-        envs.ENVIRONMENTS[arm.robot],
-        setting=arm.name,
-        base=arm.base,
-        wrist=arm.wrist,
-        self_collision=arm.self_collision,
-        orientation_weight=arm.orientation_weight,
-    )
+    return task.make(arm)
 
 
-def demonstrated_path(episodes: int, console: "Console") -> "np.ndarray":
-    """Flange positions, (n, 3), in [m], of the source's oracle in the scenes of the first clean demonstrations."""
-    import gymnasium
+def demonstrated_path(task: "Task", episodes: int, console: "Console") -> "np.ndarray":
+    """Flange positions, (n, 3), in [m], of the source's plain oracle in the scenes of the first seeds."""
     import numpy as np
 
     from benchmark.artifacts.progress import progress_bar
-    from envs import ENVIRONMENTS
-    from envs.block_push.oracle import run_oracle
+    from envs.arm.arms import arm_setting
+    from envs.task import play_oracle
 
-    env = gymnasium.make(ENVIRONMENTS[SOURCE])
+    arm = arm_setting(SOURCE)
+    env, make = task.make(arm), task.oracle("plain")(arm)
     with progress_bar(console) as progress:
-        infos = [
-            info
-            for seed in progress.track(range(episodes), description="Demonstrations")
-            for info in run_oracle(env, seed)
-        ]
+        seeds = progress.track(range(episodes), description="Demonstrations")
+        infos = [info for seed in seeds for info in play_oracle(env, seed, make)]
     env.close()
     return np.array([info["flange"] for info in infos])
 
 
-def play_all(chunks: "list[tuple[ArmOracle, tuple[int, ...]]]", workers: int) -> "Iterator[list[EpisodeOutcome]]":
-    """Outcomes of each chunk, in their order, from worker processes."""
+def play_all(chunks: list[tuple[ArmOracle, tuple[int, ...]]], workers: int) -> Iterator[list[Any]]:
+    """Outcomes of each chunk, in their order, from worker processes; one worker is this process."""
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
     from richmap.worker import start_worker
 
+    if min(workers, len(chunks)) <= 1:
+        yield from map(play_chunk, chunks)
+        return
     with ProcessPoolExecutor(workers, get_context("spawn"), initializer=start_worker) as pool:
         yield from pool.map(play_chunk, chunks)
 

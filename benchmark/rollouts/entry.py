@@ -16,6 +16,7 @@ from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.rollouts.make_rollout import guidance_field, make_condition
 from benchmark.settings.command import SettingError, typed
 from benchmark.settings.config import EntryConfig, RunConfig
+from benchmark.settings.task import chosen_task
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -124,7 +125,7 @@ class Entry:
                 raise SettingError(
                     f"{guidance.file}: {guidance.name}(field, scale, base, seed) raised {type(error).__name__}: {error}"
                 ) from error
-        return Rollout(condition, checkpoint, path, guidance)
+        return Rollout(chosen_task(config.task), condition, checkpoint, path, guidance)
 
     def _guidance(self, checkpoint: Path) -> GuidanceClass | None:
         """Its class; for a policy of our type one that does nothing, for another none."""

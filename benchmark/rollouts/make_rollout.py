@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import EnergyConfig, MapConfig, RobotConfig, RunConfig
+from benchmark.settings.task import chosen_task
 from policies.methods import METHODS
 
 if TYPE_CHECKING:
@@ -25,7 +26,8 @@ def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Co
 
     arm, method = chosen_arm(config), config.method if scale > 0 else "direct"
     field, path = guidance_field(METHODS[method].field, arm, config, console)
-    return Rollout(make_condition(config, arm, method, scale, checkpoint, field), checkpoint, path)
+    condition = make_condition(config, arm, method, scale, checkpoint, field)
+    return Rollout(chosen_task(config.task), condition, checkpoint, path)
 
 
 def make_condition(

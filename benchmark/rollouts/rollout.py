@@ -13,30 +13,30 @@ from typing import TYPE_CHECKING
 import gymnasium
 import numpy as np
 
-import envs
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
+from benchmark.episodes.arm import arm_of
 from benchmark.episodes.table import Condition, Episode
 from benchmark.rollouts.guidance_class import GuidanceClass
-from envs.block_push.outcome import summarize
+from envs.task import Task
 from richmap.worker import start_worker
-
-if TYPE_CHECKING:
-    import gymnasium
-
-    from benchmark.episodes.table import Episode
-    from benchmark.rollouts.rollout import Rollout
 
 if TYPE_CHECKING:
     import torch
 
     from benchmark.rollouts.stock_policy import StockPolicy
+    from envs.arm.arms import ArmSetting
     from policies.modeling_guided_push import GuidedPushPolicy
+
+
+OBSERVED = {"agent_pos": "observation.state", "environment_state": "observation.environment_state"}
+"""Parts of an environment's observation, and what policies of LeRobot call them."""
 
 
 @dataclass(frozen=True)
 class Rollout:
     """What is rolled out: a condition, and where its parts lie on this machine."""
 
+    task: Task
     condition: Condition
     checkpoint: Path
     field: Path | None
@@ -87,12 +87,14 @@ def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], No
     seed_of = {seed % shape: seed for seed in seeds}
     policy = load_policy(rollout)
     policy.reset()
-    state, environment = np.zeros((shape, 4), np.float32), np.zeros((shape, 12), np.float32)
-    environments = {slot: _environment(rollout.condition, slot, watch is not None) for slot in seed_of}
+    environments = {slot: _environment(rollout, slot, watch is not None) for slot in seed_of}
+    space = next(iter(environments.values())).observation_space
+    batch = {name: np.zeros((shape, *space[key].shape), np.float32) for key, name in OBSERVED.items()}
     infos: dict[int, list[dict]] = {slot: [] for slot in seed_of}
 
     def take(slot: int, observation: dict[str, np.ndarray], info: dict) -> None:
-        state[slot], environment[slot] = observation["agent_pos"], observation["environment_state"]
+        for key, name in OBSERVED.items():
+            batch[name][slot] = observation[key]
         infos[slot].append(info)
         if watch:
             watch(environments[slot])
@@ -101,9 +103,8 @@ def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], No
         take(slot, *environments[slot].reset(seed=seed))
     active, step = sorted(seed_of), 0
     while active:
-        batch = {"observation.state": state, "observation.environment_state": environment}
-        batch = {key: torch.tensor(value, device=rollout.condition.device) for key, value in batch.items()}
-        actions = _actions(policy, batch, [seed_of.get(slot, 0) for slot in range(shape)], step)
+        seen = {name: torch.tensor(value, device=rollout.condition.device) for name, value in batch.items()}
+        actions = _actions(policy, seen, [seed_of.get(slot, 0) for slot in range(shape)], step)
         over = set()
         for slot in active:
             observation, _, terminated, truncated, info = environments[slot].step(actions[slot])
@@ -111,13 +112,13 @@ def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], No
             if terminated or truncated:
                 over.add(slot)
         active, step = [slot for slot in active if slot not in over], step + 1
-    return [Episode(rollout.condition, seed_of[s], s, summarize(infos[s])) for s in sorted(seed_of)]
+    return [Episode(rollout.condition, seed_of[s], s, rollout.task.summarize(infos[s])) for s in sorted(seed_of)]
 
 
 def _actions(
     policy: "GuidedPushPolicy | StockPolicy", batch: "dict[str, torch.Tensor]", seeds: list[int], step: int
 ) -> np.ndarray:
-    """Actions (rows, 2) in [m], with noise that is a function of the step and of the episode, or of its batch."""
+    """Actions, a row each, with noise that is a function of the step and of the episode, or of its batch."""
     import torch
 
     from policies.modeling_guided_push import GuidedPushPolicy
@@ -140,7 +141,7 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
     if Checkpoint(rollout.checkpoint).type != GUIDED:
         from benchmark.rollouts.stock_policy import StockPolicy
 
-        return StockPolicy(rollout.checkpoint, rollout.condition.device)
+        return StockPolicy(rollout.checkpoint, rollout.condition.device, _shapes(_environment(rollout, 0, False)))
     config = PreTrainedConfig.from_pretrained(rollout.checkpoint)
     config.device = rollout.condition.device
     if rollout.guidance is None:
@@ -159,40 +160,25 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
     return policy.to(rollout.condition.device).eval()
 
 
-def _environment(condition: Condition, slot: int, render: bool) -> gymnasium.Env:
+def _shapes(env: gymnasium.Env) -> dict[str, tuple[int, ...]]:
+    """Shapes of observations and actions, by LeRobot's names."""
+    shapes = {name: env.observation_space[key].shape for key, name in OBSERVED.items()}
+    return shapes | {"action": env.action_space.shape}
+
+
+def _environment(rollout: Rollout, slot: int, render: bool) -> gymnasium.Env:
     """The environment of a row; kept from batch to batch, also of other conditions on the same arm."""
-    c = condition
-    return _arm_environment(c.robot, c.setting, c.base, c.branch, c.self_collision, c.orientation_weight, slot, render)
+    return _arm_environment(rollout.task, arm_of(rollout.condition.row()), slot, render)
 
 
 @lru_cache(maxsize=64)
-def _arm_environment(
-    robot: str,
-    setting: str,
-    base: str,
-    branch: str,
-    self_collision: bool,
-    orientation_weight: float,
-    slot: int,
-    render: bool,
-) -> gymnasium.Env:
-    return gymnasium.make(
-        envs.ENVIRONMENTS[robot],
-        setting=setting,
-        base=tuple(map(float, base.split())),
-        wrist=branch,
-        self_collision=self_collision,
-        orientation_weight=orientation_weight,
-        obs_type="environment_state_agent_pos",
-        render_mode="rgb_array" if render else None,
-    )
+def _arm_environment(task: Task, arm: "ArmSetting", slot: int, render: bool) -> gymnasium.Env:
+    return task.make(arm, render_mode="rgb_array" if render else None)
 
 
-def alone(rollout: "Rollout", seed: int, watch: "Callable[[gymnasium.Env], None] | None" = None) -> "Episode":
-    """An episode, rolled out without others in its batch; `watch` as in `benchmark.rollouts.rollout.play`."""
+def alone(rollout: Rollout, seed: int, watch: Callable[[gymnasium.Env], None] | None = None) -> Episode:
+    """An episode, rolled out without others in its batch; `watch` as in `play`."""
     import torch
-
-    from benchmark.rollouts.rollout import play
 
     torch.set_num_threads(1)  # As in a rollout's worker process; two threads round otherwise.
     (episode,) = play(rollout, [seed], watch)

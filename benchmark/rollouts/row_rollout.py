@@ -126,6 +126,7 @@ def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> 
         ours = {"method": "paper" if row["method"] == "direct" else row["method"], "guidance_scale": row["lambda"]}
     sampler = {"sampler": row["sampler"], "sampling_steps": row["sampling_steps"]} if guided else {}
     return RunConfig(
+        task=config.task,
         robot=RobotConfig(row["robot"]),
         setting=row["setting"],
         arm=arm,

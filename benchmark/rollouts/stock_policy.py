@@ -10,7 +10,6 @@ from lerobot.policies import get_policy_class, make_pre_post_processors
 from torch import Tensor
 
 from benchmark.settings.command import SettingError
-from envs.block_push.configuration_guided_push import GuidedPushEnvConfig
 
 
 class StockPolicy:
@@ -22,16 +21,15 @@ class StockPolicy:
     Args:
         checkpoint: Folder that LeRobot saved the policy and its processors in.
         device: cpu or cuda.
+        shown: Shapes of what there is to see and to do, by LeRobot's names.
 
     Raises:
         SettingError: If the policy wants what the environments do not show, such as pictures, or gives other actions.
     """
 
-    def __init__(self, checkpoint: Path, device: str) -> None:
+    def __init__(self, checkpoint: Path, device: str, shown: dict[str, tuple[int, ...]]) -> None:
         config = PreTrainedConfig.from_pretrained(checkpoint)
         config.device, config.pretrained_path = device, checkpoint
-        environment = GuidedPushEnvConfig()
-        shown = {name: environment.features[key].shape for key, name in environment.features_map.items()}
         wanted = {name: tuple(x.shape) for name, x in {**config.input_features, **config.output_features}.items()}
         if wrong := {name: shape for name, shape in wanted.items() if shown.get(name) != shape}:
             texts = (", ".join(f"{name} {shape}" for name, shape in x.items()) for x in (wrong, shown))
@@ -45,8 +43,8 @@ class StockPolicy:
         """Start new episodes."""
         self.policy.reset()
 
-    def select_action(self, batch: dict[str, Float[Tensor, "b ..."]], number: int, step: int) -> Float[Tensor, "b 2"]:
-        """Actions in [m], on the CPU.
+    def select_action(self, batch: dict[str, Float[Tensor, "b ..."]], number: int, step: int) -> Float[Tensor, "b a"]:
+        """Actions in the task's units, on the CPU.
 
         Args:
             batch: Observations of all rows.

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+    from envs.task import Task
     from policies.guidance import Guidance
 
 SPACING = 0.04
@@ -18,13 +19,14 @@ PANELS = 4
 """Side by side."""
 
 
-def draw_success(table: "pd.DataFrame") -> "Figure":
-    """For each method of one arm p2 against its scale, with 95 % intervals, beside direct transfer.
+def draw_success(table: "pd.DataFrame", task: "Task") -> "Figure":
+    """For each method of one arm the score that ranks against its scale, with 95 % intervals, beside direct transfer.
 
     Args:
         table: Rows of `benchmark.scoring.scale_table.scale_table`.
+        task: What they are of.
     """
-    direct = table[table.method == "direct"].iloc[0]
+    name, direct = task.ranking[0], table[table.method == "direct"].iloc[0]
     curves = [
         rows
         for method in _order(table.method)
@@ -33,21 +35,26 @@ def draw_success(table: "pd.DataFrame") -> "Figure":
     ]
     figure, panels = _panels(len(curves), 2.6, sharey=True)
     for ax, rows in zip(panels, curves, strict=True):
-        ax.axhspan(100 * direct.p2_low, 100 * direct.p2_high, color="0.9")
-        ax.axhline(100 * direct.p2, color="0.5", linewidth=1, label="direct transfer")
-        ax.fill_between(rows["lambda"], 100 * rows.p2_low, 100 * rows.p2_high, alpha=0.25)
-        ax.plot(rows["lambda"], 100 * rows.p2, ".-", label="with guidance")
+        ax.axhspan(100 * direct[f"{name}_low"], 100 * direct[f"{name}_high"], color="0.9")
+        ax.axhline(100 * direct[name], color="0.5", linewidth=1, label="direct transfer")
+        ax.fill_between(rows["lambda"], 100 * rows[f"{name}_low"], 100 * rows[f"{name}_high"], alpha=0.25)
+        ax.plot(rows["lambda"], 100 * rows[name], ".-", label="with guidance")
         chosen = rows[rows.chosen]
-        ax.plot(chosen["lambda"], 100 * chosen.p2, "*", color="black", markersize=9, label="chosen")
+        ax.plot(chosen["lambda"], 100 * chosen[name], "*", color="black", markersize=9, label="chosen")
         ax.set_xscale("log", base=2)
         ax.set_xticks(rows["lambda"], [f"{scale:g}" for scale in rows["lambda"]], rotation=60, fontsize="x-small")
         ax.set(title=method_and_cells(rows.iloc[0]), ylim=(0, 102))
     for ax in panels[::PANELS]:
-        ax.set_ylabel("p2 [%]")
+        ax.set_ylabel(f"{name} [%]")
     figure.supxlabel("scale λ, in each method's own unit")
-    figure.suptitle(f"{direct.robot}, {direct.setting}: both blocks placed, n = {direct.n} a point")
+    figure.suptitle(f"{direct.robot}, {direct.setting}: {_text_of(task, name)}, n = {direct.n} a point")
     panels[0].legend(fontsize="x-small", loc="lower left")
     return figure
+
+
+def _text_of(task: "Task", name: str) -> str:
+    """What a score of a task is."""
+    return next(score.text for score in task.scores if score.name == name)
 
 
 def draw_fields(guidances: "dict[str, Guidance]", base: tuple[float, float], path: np.ndarray) -> "Figure":

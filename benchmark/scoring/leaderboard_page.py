@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from markdown_it import MarkdownIt
 
 from benchmark.episodes.arm import setting_text
-from benchmark.scoring.leaderboard_text import HOW_TO_READ, MECHANISM_TEXT, PROTOCOL_TEXTS, rounding_text
+from benchmark.scoring.leaderboard_text import PROTOCOL_TEXTS, how_to_read, mechanism_text, rounding_text
 from benchmark.scoring.published import TABLE_3
 from benchmark.settings.config import TASK_ARMS
 from benchmark.settings.recipe import RECIPES, USUAL
@@ -19,20 +19,19 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from benchmark.scoring.ranking import Protocol
+    from envs.task import Task
 
 TEMPLATE = Path(__file__).with_suffix(".html")
-
-TEXTS = {"how_to_read": HOW_TO_READ, "mechanism": MECHANISM_TEXT}
-"""Prose of the document that the page has as well."""
 
 PICTURES = 4
 """Most moving pictures of an arm."""
 
 
-def page(tables: "dict[Protocol, pd.DataFrame]", figures: Path, recipe: str = USUAL) -> str:
+def page(task: "Task", tables: "dict[Protocol, pd.DataFrame]", figures: Path, recipe: str = USUAL) -> str:
     """The page.
 
     Args:
+        task: What the episodes are of.
         tables: The leaderboard of each protocol.
         figures: Folder of moving pictures, `<arm>-<setting>-<method and scale>-<seed>.gif` (`benchmark.record`).
         recipe: Of the policies.
@@ -50,13 +49,16 @@ def page(tables: "dict[Protocol, pd.DataFrame]", figures: Path, recipe: str = US
             protocol.name: {"scores": protocol.scores, "text": PROTOCOL_TEXTS[protocol.name].replace("`", "")}
             for protocol in tables
         },
+        "ranks": task.ranking[0],
+        "mechanism": {"order_changed": "order changed"} | {trait.name: trait.title for trait in task.traits},
         "published": {robot: asdict(published) for robot, published in TABLE_3.items()},
         "pictures": pictures(figures),
         "about": f"{sum(row['n'] for row in rows):,} episodes on test seeds from 100000 on; rounded as "
         f"{rounding_text(row['rounded_as'] for row in rows)}; code version {', '.join(versions)}; commit "
         f"{', '.join(commits)}. Policies learned from {RECIPES[recipe]}.",
     }
-    prose = {name: MarkdownIt().render(text) for name, text in TEXTS.items()}
+    texts = {"how_to_read": how_to_read(task), "mechanism": mechanism_text(task), "task": task.description}
+    prose = {name: MarkdownIt().render(text) for name, text in texts.items()}
     filled = prose | {"data": json.dumps(data).replace("<", "\\u003c")}
     return re.sub(r"{{(\w+)}}", lambda place: filled[place[1]], TEMPLATE.read_text())
 

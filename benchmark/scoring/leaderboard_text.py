@@ -10,7 +10,12 @@ from benchmark.episodes.arm import ARM, changes, setting_text
 from benchmark.scoring.published import TABLE_3
 from benchmark.scoring.ranking import PAPER, Protocol
 from benchmark.scoring.scores import causes_text, difference_text, with_interval
+from benchmark.settings.config import RunConfig
 from benchmark.settings.recipe import RECIPES, USUAL
+from envs.task import Task
+
+TASK = RunConfig.task
+"""What is meant where no task is named."""
 
 TEXT = """# Leaderboard
 
@@ -22,8 +27,7 @@ pictures: [`leaderboard.html`](leaderboard.html).
 
 HOW_TO_READ = """- **Episodes**: test seeds from 100000 on, by which nothing was chosen; the same for all arms, methods
   and scales.
-- **Scores**, in percent: `score` is 0.49 for some block in a target and 1 for both; `p2` is both in different targets
-  at one moment; `success_at_end` is both still there one second later.
+- **Scores**, in percent: {scores}.
 - **[ ]** are 95 % intervals for other trainings and other episodes: a bootstrap of training seeds crossed with episode
   seeds (Owen & Eckles 2012; all draws at once, in closed form), with Student's t since trainings are few. With one
   training they are for other episodes alone. With few episodes they are wide also where all agree, since other scenes
@@ -35,7 +39,7 @@ HOW_TO_READ = """- **Episodes**: test seeds from 100000 on, by which nothing was
   for these and its own.
 - **Reference** and **ceiling** are the scripted oracle that knows nothing of the arm and the one that does, on test
   seeds, by the same code. A policy may beat either.
-- **Failed by cause**: an episode failed if it never had p2. What rolled out of a target later has no cause.
+- **Failed by cause**: an episode failed if it never had {success}. What was undone later has no cause.
 - **n** counts episodes, of all policies; * marks a row that lacks policies or episodes of the protocol, or some of
   direct transfer's that it is compared with, and so comes last. *(entry)*: evaluated by `benchmark.enter`. A dash: not
   measured.
@@ -62,18 +66,27 @@ wrist in the other branch, or with another weight of orientation in the inverse 
 minus direct transfer on the arm of the setting `embodied`: same policies, same episodes, in points; intervals and p as
 above, but not adjusted."""
 
-MECHANISM_TEXT = """In percent, then the difference to direct transfer in points. *Farther first*: of episodes in which
-a block entered a target, those in which the first one entered the farther target; its difference is over the episodes
-in which one did either way. *Order changed*: of these episodes, those in which another block or target was first. The
-others are shares of an episode's steps (means over episodes), whose intervals have no width where no episode differs:
-*near base* within 0.235 m of the base axis; *rectangle*
-in the paper's dangerous one, in its two readings; *outer reach* beyond 0.54 m."""
+
+def how_to_read(task: Task) -> str:
+    """What the columns are."""
+    scores = {score.name: score.text for score in task.scores}
+    said = "; ".join(f"`{name}` is {scores[name]}" for name in dict.fromkeys((*task.headline[::-1], *task.ranking)))
+    return HOW_TO_READ.format(scores=said, success=task.success)
 
 
-def markdown(tables: dict[Protocol, pd.DataFrame], recipe: str = USUAL) -> str:
+def mechanism_text(task: Task) -> str:
+    """What the columns of the table of what guidance changed are."""
+    return f"In percent, then the difference to direct transfer in points. {task.traits_text}"
+
+
+def markdown(task: Task, tables: dict[Protocol, pd.DataFrame], recipe: str = USUAL) -> str:
     """The leaderboards of all protocols as one document, of the policies of a recipe."""
-    setting = "" if recipe == USUAL else f" recipe={recipe}"
-    parts = [TEXT.format(setting=setting, demonstrations=RECIPES[recipe]) + HOW_TO_READ]
+    given = [
+        "",
+        *([f"task={task.name}"] if task.name != TASK else []),
+        *([f"recipe={recipe}"] if recipe != USUAL else []),
+    ]
+    parts = [TEXT.format(setting=" ".join(given), demonstrations=RECIPES[recipe]) + how_to_read(task)]
     for protocol, table in tables.items():
         table = in_order(table, protocol)
         parts += [f"## Protocol `{protocol.name}`", PROTOCOL_TEXTS[protocol.name]]
@@ -81,10 +94,11 @@ def markdown(tables: dict[Protocol, pd.DataFrame], recipe: str = USUAL) -> str:
             parts += ["### Beside the paper's Table 3", PAPER_TEXT, _text(beside_the_paper(table))]
         for _, rows in table.groupby([*ARM, "code_version"], sort=False):
             first = rows.iloc[0]
-            parts += [f"### {first.robot}, {setting_text(first)}", arm_text(rows), _text(scores(rows, protocol))]
-        if len(moved := between_settings(table)):
+            parts += [f"### {first.robot}, {setting_text(first)}", arm_text(rows, task), _text(scores(rows, protocol))]
+        if len(moved := between_settings(table, protocol, task)):
             parts += ["### How the arm stands and holds its tool", ARM_CHANGED_TEXT, _text(moved)]
-        parts += ["### What guidance changed", MECHANISM_TEXT, _text(mechanism(table))]
+        if task.plan or task.traits:
+            parts += ["### What guidance changed", mechanism_text(task), _text(mechanism(table, task))]
         if protocol.best_only:
             parts += ["### Policy by policy", _text(by_policy(table, protocol))]
     return "\n\n".join(part.strip() for part in parts) + "\n"
@@ -124,16 +138,16 @@ def _ends(curve: pd.DataFrame) -> str:
     return f"{' to '.join(points)} (cells {curve.cell_size.iloc[0]:g} m)"
 
 
-def arm_text(rows: pd.DataFrame) -> str:
+def arm_text(rows: pd.DataFrame, task: Task) -> str:
     """How an arm stood, and what the scripted oracles reach on it."""
     first = rows.iloc[0]
     may_bind = {"self-collision": first.self_collision, "joint limits": first.joint_limits}
     binding = " and ".join(name for name, binds in may_bind.items() if binds) or "nothing"
-    oracles = [f"{role}: {oracle_text(first[role])}" for role in ("reference", "ceiling")]
+    oracles = [f"{role}: {oracle_text(first[role], task.ranking[0])}" for role in ("reference", "ceiling")]
     return (
         f"Base {first.base} m, wrist {first.branch}, {binding} binding; code {first.code_version}, commit "
-        f"{', '.join(sorted({*chain(*rows.commits)}))}; rounded as {rounding_text(rows.rounded_as)}. p2 of the "
-        f"{'; of the '.join(oracles)}."
+        f"{', '.join(sorted({*chain(*rows.commits)}))}; rounded as {rounding_text(rows.rounded_as)}. "
+        f"{task.ranking[0]} of the {'; of the '.join(oracles)}."
     )
 
 
@@ -143,11 +157,11 @@ def rounding_text(counts: Iterable[Mapping[str, int]]) -> str:
     return ", ".join(f"{arithmetic} ({rows:,})" for arithmetic, rows in total.most_common())
 
 
-def oracle_text(measured: dict | None) -> str:
-    """p2 of a scripted oracle."""
+def oracle_text(measured: dict | None, score: str) -> str:
+    """A score of a scripted oracle."""
     if measured is None:
         return "-"
-    return f"{with_interval(measured, 'p2')} (n {measured['n']}, seeds from {measured['first']})"
+    return f"{with_interval(measured, score)} (n {measured['n']}, seeds from {measured['first']})"
 
 
 def scores(rows: pd.DataFrame, protocol: Protocol) -> pd.DataFrame:
@@ -163,12 +177,12 @@ def scores(rows: pd.DataFrame, protocol: Protocol) -> pd.DataFrame:
     return pd.DataFrame(shown | {"failed by cause": [causes_text(causes) for causes in rows.causes]})
 
 
-def between_settings(rows: pd.DataFrame) -> pd.DataFrame:
+def between_settings(rows: pd.DataFrame, protocol: Protocol, task: Task) -> pd.DataFrame:
     """What another base, wrist or a leaning tool brings to direct transfer, arm by arm."""
-    shown = []
-    for row in rows.dropna(subset="p2_arm_difference").to_dict("records"):
+    shown, headline = [], [name for name in task.headline if name in protocol.scores]
+    for row in rows.dropna(subset=f"{headline[0]}_arm_difference").to_dict("records"):
         shown.append({"arm": row["robot"], "setting": setting_text(row), "base": row["base"], "n": row["n"]})
-        for name in ("p2", "score"):
+        for name in headline:
             shown[-1] |= {
                 name: with_interval(row, name),
                 f"{name}: difference": difference_text(row, f"{name}_arm_difference"),
@@ -177,20 +191,13 @@ def between_settings(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(shown)
 
 
-def mechanism(rows: pd.DataFrame) -> pd.DataFrame:
-    """Order of blocks and targets, and where the flange was."""
-    names = {
-        "farther first": "far_target_first",
-        "near base": "share_near_base",
-        "rectangle, axes turned": "share_rectangle_a",
-        "rectangle, centred on the table": "share_rectangle_b",
-        "outer reach": "share_outer_reach",
-    }
+def mechanism(rows: pd.DataFrame, task: Task) -> pd.DataFrame:
+    """Which way through the task was taken, and the task's traits."""
     shown = {"setting": [setting_text(row) for _, row in rows.iterrows()], "arm": rows.robot, **_method(rows)}
     shown["order changed"] = [
         "-" if pd.isna(row.order_changed) else with_interval(row, "order_changed") for _, row in rows.iterrows()
     ]
-    for title, name in names.items():
+    for name, title in ((trait.name, trait.title) for trait in task.traits):
         shown[title] = [
             f"{100 * row[name]:.1f}"
             + ("" if pd.isna(row[f"{name}_difference"]) else f", {difference_text(row, f'{name}_difference')}")

@@ -1,6 +1,8 @@
 """Methods ranked on each arm: a pure function of the episodes tables, by two protocols."""
 
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import or_
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +15,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from benchmark.scoring.statistics import Crossed
+    from envs.task import Task
 
 
 @dataclass(frozen=True)
@@ -28,23 +31,31 @@ class Protocol:
     policies: int
     """Of ours; an entry may have one of its own."""
     scores: tuple[str, ...]
-    """The first one ranks."""
+    """The first one ranks; () for the task's own (`envs.task.Task.ranking`)."""
     best_only: bool
     """Whether of our own policies only the best checkpoint of each training seed counts."""
+    task: str = ""
+    """The only one that it is for; empty for all."""
 
 
-PAPER = Protocol("paper", ("original",), 50, 10, 9, ("score", "p2"), best_only=False)
-STRICT = Protocol("strict", ("embodied", "best"), 500, 50, 3, ("p2", "success_at_end", "p1", "score"), best_only=True)
+PAPER = Protocol("paper", ("original",), 50, 10, 9, ("score", "p2"), best_only=False, task="block_push")
+STRICT = Protocol("strict", ("embodied", "best"), 500, 50, 3, (), best_only=True)
 PROTOCOLS = (PAPER, STRICT)
+
+
+def protocols_of(task: "Task") -> tuple[Protocol, ...]:
+    """The protocols of a task, with its scores."""
+    return tuple(
+        replace(protocol, scores=protocol.scores or task.ranking)
+        for protocol in PROTOCOLS
+        if protocol.task in ("", task.name)
+    )
+
 
 SAMPLING = ["sampler", "sampling_steps", "batch_shape", "device"]
 GUIDANCE = ["method", "lambda", "field_fingerprint", "cell_size", "entry_hash"]
 """Columns of the episodes table that rows must share, with those of their arm and their code version, to be counted
 together, whatever their policy."""
-
-MECHANISM = ("far_target_first", "share_near_base", "share_rectangle_a", "share_rectangle_b", "share_outer_reach")
-"""What guidance is said to change: whether the first block goes to the farther target, and where the flange spends its
-steps."""
 
 
 def counted(episodes: "pd.DataFrame", protocol: Protocol, ours: set[str]) -> "pd.DataFrame":
@@ -90,13 +101,13 @@ def counted_by_any(episodes: "pd.DataFrame", ours: set[str]) -> "pd.DataFrame":
     return pd.concat([counted(episodes, protocol, ours) for protocol in PROTOCOLS])
 
 
-def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
+def leaderboard(episodes: "pd.DataFrame", protocol: Protocol, task: "Task") -> "pd.DataFrame":
     """One row per arm and method, over all policies: scores, differences to direct transfer, what changed, causes.
 
     Rows that lack episodes or policies, or some of those of direct transfer that they are compared with, come last on
     their arm: what is missing may be what failed. So do those of an entry that has some of our policies and others.
 
-    For each score and each of `MECHANISM` there is its mean (the column of its name), `_low` and `_high`, its
+    For each score and each of the task's traits there is its mean (the column of its name), `_low` and `_high`, its
     difference to direct transfer on the same episodes of the same policies (of ours, where an entry has its own),
     `_difference`, `_difference_low` and `_high`; for scores also the least and most of any policy, `_least` and
     `_most`, the difference's `_p` (`statistics.sign_flip_p_value`), and `_holm`, the same `adjusted`. Likewise, for
@@ -107,6 +118,7 @@ def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
     Args:
         episodes: The rows that count.
         protocol: Says by which scores.
+        task: What they are of.
 
     Raises:
         SettingError: If two policies go by one name.
@@ -114,13 +126,14 @@ def leaderboard(episodes: "pd.DataFrame", protocol: Protocol) -> "pd.DataFrame":
     import pandas as pd
 
     rows, ours = [], episodes.checkpoint_hash[episodes.entry_hash == ""].unique()
-    episodes = episodes.assign(far_target_first=_far_target_first(episodes), training=_training(episodes))
+    traits = {trait.name: trait.of(episodes) for trait in task.traits if trait.of}
+    episodes = episodes.assign(**traits, training=_training(episodes))
     for _, on_arm in episodes.groupby([*ARM, "code_version"]):
         for _, group in on_arm.groupby([*GUIDANCE, *SAMPLING], dropna=False):
             foreign = bool(group.entry_hash.iloc[0]) and not group.checkpoint_hash.isin(ours).any()
             direct = _direct(on_arm, group, foreign)
             mixed = not foreign and not group.checkpoint_hash.isin(ours).all()
-            row = _row(group, direct, protocol, foreign) | _to_usual_arm(episodes, group, protocol)
+            row = _row(group, direct, protocol, task, foreign) | _to_usual_arm(episodes, group, protocol)
             rows.append(row | {"complete": row["complete"] and not mixed})
     table = pd.DataFrame(rows)
     for score in protocol.scores:
@@ -146,11 +159,6 @@ def adjusted(table: "pd.DataFrame", name: str) -> "pd.Series":
         family = table[name][alike & table.complete & table.entry_hash.isin(["", entry])]
         p_values.update(pd.Series(holm(family.to_numpy()), family.index).reindex(rows.index))
     return p_values
-
-
-def _far_target_first(episodes: "pd.DataFrame") -> "pd.Series":
-    """1 where the first block that entered a target entered the farther one, 0 for the nearer, NaN for none."""
-    return episodes.first_target.map({"far": 1.0, "near": 0.0}).astype(float)
 
 
 def _training(episodes: "pd.DataFrame") -> "pd.Series":
@@ -191,7 +199,7 @@ def _to_usual_arm(episodes: "pd.DataFrame", group: "pd.DataFrame", protocol: Pro
     return row
 
 
-def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol, foreign: bool) -> dict:
+def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol, task: "Task", foreign: bool) -> dict:
     """One row of the leaderboard; an entry that has one of our policies is to have all of them.
 
     A foreign policy is compared with each of ours on the same scenes, all others with themselves.
@@ -220,8 +228,9 @@ def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol, fore
     policies, with_each = (group.checkpoint.nunique(), protocol.policies) if foreign else (protocol.policies, 1)
     whole = len(group) == protocol.episodes * policies
     row["complete"] = whole and len(pairs) in (0, with_each * len(group))
-    for name in (*protocol.scores, *MECHANISM):
-        extra = {"extra": ()} if name.startswith("share_") else {}
+    shares = [trait.name for trait in task.traits if not trait.of]
+    for name in (*protocol.scores, *(trait.name for trait in task.traits)):
+        extra = {"extra": ()} if name in shares else {}
         row |= _named(name, clustered_mean(_crossed(group, group[name]), **extra))
         row |= _named(f"{name}_difference", (np.nan,) * 3)
         row |= {f"{name}_p": np.nan} if name in protocol.scores else {}
@@ -231,9 +240,10 @@ def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol, fore
             row |= _named(f"{name}_difference", clustered_difference(crossed, **extra))
             if name in protocol.scores:
                 row[f"{name}_p"] = sign_flip_p_value(crossed)
-    changed = (pairs.first_block != pairs.first_block_direct) | (pairs.first_target != pairs.first_target_direct)
-    row |= _named("order_changed", clustered_mean(_crossed(pairs, changed)) if len(pairs) else (np.nan,) * 3)
-    row["policies"] = [_policy(rows, direct, protocol) for _, rows in group.groupby("checkpoint")]
+    changes = [pairs[name] != pairs[f"{name}_direct"] for name in task.plan] if len(pairs) else []
+    changed = clustered_mean(_crossed(pairs, reduce(or_, changes))) if changes else (np.nan,) * 3
+    row |= _named("order_changed", changed)
+    row["policies"] = [_policy(rows, direct, protocol, task) for _, rows in group.groupby("checkpoint")]
     for score in protocol.scores:
         means = [policy[score] for policy in row["policies"]]
         row |= {f"{score}_least": min(means), f"{score}_most": max(means)}
@@ -247,14 +257,14 @@ def _crossed(rows: "pd.DataFrame", values: "pd.Series") -> "Crossed":
     return Crossed(values.to_numpy(float, na_value=np.nan), rows.training.to_numpy(str), rows.episode_seed.to_numpy())
 
 
-def _policy(rows: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol) -> dict:
+def _policy(rows: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol, task: "Task") -> dict:
     """Figures of one policy: Wilson intervals, paired differences to direct transfer, exact McNemar tests."""
     from benchmark.scoring.scores import paired
     from benchmark.scoring.statistics import rate_interval
 
     policy = {"checkpoint": rows.checkpoint.iloc[0], "n": len(rows)}
     control = direct[direct.checkpoint_hash == rows.checkpoint_hash.iloc[0]]
-    differences = paired(rows, control).set_index("score") if len(control) else None
+    differences = paired(rows, control, task).set_index("score") if len(control) else None
     for score in protocol.scores:
         values = rows[score].to_numpy(dtype=float)
         policy |= _named(score, (values.mean(), *rate_interval(values)))

@@ -7,6 +7,8 @@ from benchmark.episodes.arm import ARM
 if TYPE_CHECKING:
     import pandas as pd
 
+    from envs.task import Task
+
 CHOSEN_FOR = [*ARM, "sampler", "sampling_steps"]
 """Columns of the episodes table that a scale is chosen for."""
 
@@ -14,10 +16,11 @@ METHOD = ["method", "cell_size", "field_fingerprint"]
 """And these: slopes of two fields are of two sizes, so that a scale holds for one of them."""
 
 
-def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
-    """A row per arm, method, field and scale, over all checkpoints: n, p2, score, and differences to direct transfer.
+def scale_table(episodes: "pd.DataFrame", task: "Task") -> "pd.DataFrame":
+    """A row per arm, method, field and scale, over all checkpoints: n, the task's `headline` scores, and differences to
+    direct transfer.
 
-    Differences are paired: same checkpoint, same episode. `chosen` is the scale with the best p2, of equal ones the
+    Differences are paired: same checkpoint, same episode. `chosen` is the scale that ranks first, of equal ones the
     smallest; of those that were rolled out whole, on every episode of direct transfer's. Intervals are for other
     trainings and other episodes.
     """
@@ -39,7 +42,7 @@ def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
                 "checkpoints": point.checkpoint_hash.nunique(),
                 "whole": 0 < len(pairs) == len(direct),
             }
-            for name in ("p2", "score"):
+            for name in task.headline:
                 less = pairs[name].astype(float) - pairs[f"{name}_direct"].astype(float)
                 rate, difference = (
                     clustered_mean(crossed(point, point[name])),
@@ -50,6 +53,6 @@ def scale_table(episodes: "pd.DataFrame") -> "pd.DataFrame":
                 row |= dict(zip(of_difference, difference, strict=True))
             rows.append(row)
     table = pd.DataFrame(rows).sort_values([*CHOSEN_FOR, *METHOD, "lambda"], ignore_index=True)
-    in_order = table[table.whole].sort_values(["p2", "lambda"], ascending=[False, True])
+    in_order = table[table.whole].sort_values([task.ranking[0], "lambda"], ascending=[False, True])
     best = in_order.groupby([*CHOSEN_FOR, *METHOD], dropna=False).head(1)
     return table.assign(chosen=table.index.isin(best.index))

@@ -4,45 +4,45 @@ import pandas as pd
 
 from benchmark.episodes.table import CONDITION
 from benchmark.scoring.statistics import paired_difference, paired_p_value, rate_interval
-
-SCORES = ["score", "p1", "p2", "success_at_end"]
-"""Columns that are ranked: the original's score, some block in a target, both, both still one second later."""
+from envs.task import Task
 
 TOGETHER = [*CONDITION, "checkpoint", "cell_size"]
 """What episodes must share to be counted together; the last two follow from hashes, and are for people."""
 
 
-def by_condition(episodes: pd.DataFrame) -> pd.DataFrame:
-    """One row per condition: n, each score with its 95 % interval, and failed episodes by cause; best p2 first.
+def by_condition(episodes: pd.DataFrame, task: Task) -> pd.DataFrame:
+    """One row per condition: n, each score with its 95 % interval, and failed episodes by cause; the best first.
 
     Args:
         episodes: The episodes table (`benchmark.episodes.table.Episode.row`).
+        task: What they are of.
     """
     rows = []
     for condition, group in episodes.groupby(TOGETHER, dropna=False, sort=True):
         seeds = f"{group.episode_seed.min()}-{group.episode_seed.max()}"
-        rows.append(dict(zip(TOGETHER, condition, strict=True)) | {"seeds": seeds} | figures(group))
-    return pd.DataFrame(rows).sort_values(["setting", "robot", "p2"], ascending=[True, True, False])
+        rows.append(dict(zip(TOGETHER, condition, strict=True)) | {"seeds": seeds} | figures(group, task))
+    return pd.DataFrame(rows).sort_values(["setting", "robot", task.ranking[0]], ascending=[True, True, False])
 
 
-def figures(episodes: pd.DataFrame) -> dict:
+def figures(episodes: pd.DataFrame, task: Task) -> dict:
     """Of episodes that belong together: n, each score with its 95 % interval (`_low`, `_high`), causes of failure."""
     row: dict = {"n": len(episodes)}
-    for score in SCORES:
+    for score in task.score_names:
         values = episodes[score].to_numpy(dtype=float)
         row[score] = values.mean()
         row[f"{score}_low"], row[f"{score}_high"] = rate_interval(values)
     return row | {"causes": episodes.failure_cause.dropna().value_counts().to_dict()}
 
 
-def paired(episodes: pd.DataFrame, control: pd.DataFrame) -> pd.DataFrame:
-    """Difference of each score to a control on the episode seeds that both have; p-values by exact McNemar."""
+def paired(episodes: pd.DataFrame, control: pd.DataFrame, task: Task) -> pd.DataFrame:
+    """Difference of each score to a control on the episode seeds that both have; p-values by exact McNemar where it is
+    yes or no."""
     pairs = episodes.merge(control, on="episode_seed", suffixes=("", "_control"))
     rows = []
-    for score in SCORES:
+    for score in task.score_names:
         a, b = pairs[score].to_numpy(dtype=float), pairs[f"{score}_control"].to_numpy(dtype=float)
         difference, low, high = paired_difference(a, b)
-        p_value = None if score == "score" else paired_p_value(a, b)
+        p_value = paired_p_value(a, b) if task.is_yes_or_no(score) else None
         rows.append(
             {
                 "score": score,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from benchmark.settings.recipe import USUAL, check_recipe
 from benchmark.settings.setting import SettingError, check_setting
+from benchmark.settings.task import chosen_task
 from policies.methods import METHODS
 from richmap.robots.robots import ROBOTS
 from richmap.similarity.energy_settings import CHOICES, EnergySettings
@@ -203,6 +204,8 @@ class RunConfig:
 
     robot: RobotConfig = robot_field("ur3", TASK_ARMS)
     """Arm that acts: xarm6 (the source itself), ur3, ur5 or ur10."""
+    task: str = "block_push"
+    """What is to be done: block_push, or a task of your own as module:NAME (an `envs.task.Task`; its code is run)."""
     guidance_scale: float | None = 0.0
     """Scale of the method, any number >= 0; 0 is direct transfer, null the one that benchmark.scales chose for this
     arm, setting and method on validation episodes. paper, shuffled, flipped: how much of the energy's slope in 1/m is
@@ -258,6 +261,7 @@ class RunConfig:
     wandb: WandbConfig = field(default_factory=WandbConfig)
 
     def __post_init__(self) -> None:
+        chosen_task(self.task)
         check_setting(self.robot.name in TASK_ARMS, "robot", self.robot.name, ", ".join(TASK_ARMS))
         scale = self.guidance_scale
         check_setting(self.method in METHODS, "method", self.method, ", ".join(METHODS))
@@ -288,6 +292,8 @@ class OracleConfig:
 
     robot: RobotConfig = robot_field("ur3", TASK_ARMS)
     """Arm: xarm6, ur3, ur5 or ur10."""
+    task: str = "block_push"
+    """What is to be done: block_push, or a task of your own as module:NAME (an `envs.task.Task`; its code is run)."""
     setting: str = "embodied"
     """What the arm may do: original, embodied or best (see benchmark.run)."""
     oracle: str = "plain"
@@ -304,6 +310,7 @@ class OracleConfig:
     arm: ArmConfig = field(default_factory=ArmConfig)
 
     def __post_init__(self) -> None:
+        chosen_task(self.task)
         check_setting(self.robot.name in TASK_ARMS, "robot", self.robot.name, ", ".join(TASK_ARMS))
         for name in ("episodes", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from benchmark.settings.config import EnergyConfig, MapConfig
 from benchmark.settings.setting import check_setting
+from benchmark.settings.task import chosen_task
 
 
 @dataclass
@@ -12,6 +13,8 @@ class ReplayConfig:
 
     table: str = "results"
     """A table of episodes, or a folder: every episodes.parquet under it."""
+    task: str = "block_push"
+    """What the rows are of (see benchmark.run)."""
     row: str = ""
     """The row's row_hash, or its first digits, 8 or more."""
     number: int = -1
@@ -31,5 +34,6 @@ class ReplayConfig:
 
     def __post_init__(self) -> None:
         check_setting(not self.row or len(self.row) >= 8, "row", self.row, "8 or more digits of a row_hash")
+        chosen_task(self.task)
         check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
         check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")

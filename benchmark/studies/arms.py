@@ -16,6 +16,7 @@ from benchmark.episodes.arm import arm_columns, of_arm
 from benchmark.rollouts.arm_oracle import CHUNK, ArmOracle, play_all
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.config import FIRST_TEST_SEED, ORACLES, SETTINGS, check_folder, check_seeds, check_targets
+from envs.block_push.task import BLOCK_PUSH
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -91,7 +92,7 @@ class OracleCondition:
     @property
     def player(self) -> ArmOracle:
         """Who plays its episodes."""
-        return ArmOracle(self.arm, self.oracle)
+        return ArmOracle(BLOCK_PUSH, self.arm, self.oracle)
 
     @property
     def columns(self) -> dict[str, object]:
@@ -122,7 +123,7 @@ def main(config: ArmsConfig) -> None:
     playable = [condition for condition in conditions if condition.can_start]
     episodes = play_missing(playable, config, console)
     figures = {"base_x": draw_base_x(episodes, conditions)}
-    path = demonstrated_path(config.demonstrations, console)
+    path = demonstrated_path(BLOCK_PUSH, config.demonstrations, console)
     for robot in config.robots:
         tables = [feasibility_table(robot, setting, config.spacing) for setting in SETTINGS]
         figures[robot] = draw_tables(tables, path)

@@ -13,6 +13,7 @@ import numpy as np
 from benchmark.artifacts.outputs import replacing
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.config import MapConfig, check_folder, check_targets
+from envs.block_push.task import BLOCK_PUSH
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -92,7 +93,7 @@ def main(config: PlaceBasesConfig) -> None:
     from richmap.robots.robots import load_robot
 
     console, output_dir = Console(), Path(config.output_dir)
-    path = demonstrated_path(config.episodes, console)
+    path = demonstrated_path(BLOCK_PUSH, config.episodes, console)
     arms = []
     for name in config.robots:
         of_arm = robot_map(load_robot(name), (0.0, 0.0, 0.0), config.map, config.workers, console)

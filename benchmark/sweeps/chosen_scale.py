@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from benchmark.scoring.scale_table import CHOSEN_FOR, scale_table
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig
+from benchmark.settings.task import chosen_task
 from policies.methods import METHODS
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def chosen_scale(config: RunConfig) -> float:
     condition = make_rollout(direct, 0.0, chosen_checkpoint(direct), console).condition
     arm = tuple(getattr(condition, name) for name in CHOSEN_FOR)
     folder = arm_folder(config.scales_dir, config)
-    chosen = _chosen(folder).get((*arm, config.method), {})
+    chosen = _chosen(folder, chosen_task(config.task)).get((*arm, config.method), {})
     if chosen:
         field, _ = guidance_field(METHODS[config.method].field, chosen_arm(config), config, console)
         fingerprint = field.about["fingerprint"] if field else ""
@@ -71,12 +72,12 @@ def chosen_scale(config: RunConfig) -> float:
 
 
 @cache
-def _chosen(folder: Path) -> dict[tuple, dict[str, float]]:
+def _chosen(folder: Path, task: "Task") -> dict[tuple, dict[str, float]]:
     """The chosen scales by arm and method, and by field, from the validation episodes of the present code."""
     episodes = read_methods(folder, range(50_000, 60_000))
     if episodes.empty:
         return {}
-    table, chosen = scale_table(episodes), {}
+    table, chosen = scale_table(episodes, task), {}
     for row in table[table.chosen].to_dict("records"):
         of_method = chosen.setdefault(tuple(row[name] for name in [*CHOSEN_FOR, "method"]), {})
         of_method[row["field_fingerprint"]] = row["lambda"]

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_origin
 
 from benchmark.artifacts.wandb_run import _checkpoint, _use, start_experiment
 from benchmark.settings.config import SETTINGS, MapConfig, RunConfig, WandbConfig
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from benchmark.rollouts.rollout import Rollout
     from envs.arm.arms import ArmSetting
+    from envs.task import Task
     from richmap.maps.reachability_map import ReachabilityMap
 
 
@@ -74,9 +75,10 @@ def log_evaluation(config: RunConfig, rollout: "Rollout", episodes: "pd.DataFram
     settings = asdict(config) | condition
     del settings["guidance_scale"]  # It is called lambda.
     name = "{robot}-{setting}-{method}-{lambda:g}-{checkpoint}".format_map(condition)
-    columns = [name for name in episodes if name not in ("path_x", "path_y")]
+    paths = [column for column, kind in rollout.task.columns.items() if get_origin(kind) is tuple]
+    columns = [name for name in episodes if name not in paths]
     cells = [[plain(value) for value in row] for row in episodes[columns].to_numpy(object)]
-    point = {"lambda": condition["lambda"], **figures(episodes)}
+    point = {"lambda": condition["lambda"], **figures(episodes, rollout.task)}
     failed = {f"failed/{cause}": count for cause, count in point.pop("causes").items()}
     with start_experiment(config.wandb, name, group, "evaluation", settings) as run:
         _use(run, _checkpoint(rollout.checkpoint))
@@ -88,12 +90,13 @@ def log_evaluation(config: RunConfig, rollout: "Rollout", episodes: "pd.DataFram
             _log_video(run, rollout, int(episodes.episode_seed.min()))
 
 
-def log_curves(config: WandbConfig, tables: "Iterable[pd.DataFrame]", group: str) -> None:
+def log_curves(task: "Task", config: WandbConfig, tables: "Iterable[pd.DataFrame]", group: str) -> None:
     """Scores over lambda, of all policies together, as one W&B run for each arm, setting and method.
 
     Intervals hold for other trainings and other episodes, as on the leaderboard.
 
     Args:
+        task: What the episodes are of.
         config: Whether and where to log.
         tables: Rows of the episodes table, of any conditions.
         group: What the runs belong to, if the settings do not say.
@@ -104,16 +107,15 @@ def log_curves(config: WandbConfig, tables: "Iterable[pd.DataFrame]", group: str
 
     from benchmark.episodes.arm import ARM
     from benchmark.scoring.ranking import SAMPLING, Protocol, leaderboard
-    from benchmark.scoring.scores import SCORES
 
     alike = [*ARM, *SAMPLING, "code_version"]
     episodes = pd.concat(stored, ignore_index=True)
     by_hash = episodes.assign(checkpoint=episodes.checkpoint_hash)  # Two policies may go by one name.
     seeds, policies = episodes.episode_seed.nunique(), by_hash.checkpoint.nunique()
     slots = episodes.batch_shape.iloc[0]  # Those of other batches are other curves.
-    protocol = Protocol("sweep", SETTINGS, seeds, slots, policies, tuple(SCORES), best_only=False)
-    points = leaderboard(by_hash, protocol)
-    shown = [f"{score}{end}" for score in SCORES for end in ("", "_low", "_high", "_difference")]
+    protocol = Protocol("sweep", SETTINGS, seeds, slots, policies, task.score_names, best_only=False)
+    points = leaderboard(by_hash, protocol, task)
+    shown = [f"{score}{end}" for score in task.score_names for end in ("", "_low", "_high", "_difference")]
     guided = points[points.method != "direct"]
     for _, curve in guided.groupby([*alike, "method", "field_fingerprint", "entry_hash"], sort=False):
         first = curve.iloc[0]

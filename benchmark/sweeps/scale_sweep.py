@@ -18,11 +18,12 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from benchmark.rollouts.rollout import Rollout
+    from envs.task import Task
     from richmap.similarity.energy import EnergyField
 
 
 COLLAPSE = 0.5
-"""A method's sweep ends when its p2 falls below this part of direct transfer's."""
+"""A method's sweep ends when the score that ranks falls below this part of direct transfer's."""
 
 
 EPISODE_SECONDS = 0.3
@@ -35,6 +36,8 @@ class ScalesConfig:
 
     robot: RobotConfig = robot_field("ur3", TASK_ARMS)
     """Arm that acts: ur3, ur5, ur10 or xarm6."""
+    task: str = "block_push"
+    """What is to be done (see benchmark.run)."""
     methods: list[str] = field(default_factory=lambda: [name for name in METHODS if name != "direct"])
     """Methods, as in methods=[paper,towards] (see benchmark.run)."""
     points: int = 9
@@ -154,7 +157,7 @@ def episode_seeds(config: ScalesConfig) -> range:
 def run_points(
     points: "dict[str, list[Rollout]]", config: ScalesConfig, name: str, console: "Console"
 ) -> dict[str, float]:
-    """Roll out what is not stored of some methods, each with all checkpoints, and give their p2."""
+    """Roll out what is not stored of some methods, each with all checkpoints, and give the score that ranks."""
     from benchmark.rollouts.field_settings import note_settings
     from benchmark.rollouts.missing_episodes import run_missing
     from benchmark.rollouts.rollout import roll_out_all
@@ -170,11 +173,11 @@ def run_points(
         name,
         console,
     )
-    p2_of = {rollout: table.p2.mean() for rollout, table in zip(rollouts, tables, strict=True)}
-    return {method: mean(p2_of[rollout] for rollout in group) for method, group in points.items()}
+    score_of = {rollout: table[rollout.task.ranking[0]].mean() for rollout, table in zip(rollouts, tables, strict=True)}
+    return {method: mean(score_of[rollout] for rollout in group) for method, group in points.items()}
 
 
-def shown(table: "pd.DataFrame") -> "pd.DataFrame":
+def shown(table: "pd.DataFrame", task: "Task") -> "pd.DataFrame":
     """The columns for people, in percent and points."""
     import pandas as pd
 
@@ -190,8 +193,8 @@ def shown(table: "pd.DataFrame") -> "pd.DataFrame":
             "method": [method_and_cells(row) for row in rows],
             "λ": [f"{row['lambda']:g}" for row in rows],
             "n": [row.n for row in rows],
-            **{name: [with_interval(row, name) for row in rows] for name in ("p2", "score")},
-            **{f"{name} - direct": [points(row, name) for row in rows] for name in ("p2", "score")},
+            **{name: [with_interval(row, name) for row in rows] for name in task.headline},
+            **{f"{name} - direct": [points(row, name) for row in rows] for name in task.headline},
         }
     )
 
@@ -200,27 +203,27 @@ TEXT = """# The scale of each method of guidance
 
 Validation episodes, the same for all; percent, with 95 % intervals for other trainings and other episodes, and paired
 differences to direct transfer in points. Made by `python -m benchmark.scales robot=…`. Each method's λ was doubled
-until its p2 fell below half of direct transfer's, or as often as was asked (nine scales by default; methods that
-choose among samples end at {most} of them); the chosen one has the best p2, of equal ones it is the smallest. Being
-the best of several on these episodes, its p2 here is too high: final figures come from other episodes.
+until its {score} fell below half of direct transfer's, or as often as was asked (nine scales by default; methods that
+choose among samples end at {most} of them); the chosen one has the best {score}, of equal ones it is the smallest.
+Being the best of several on these episodes, its {score} here is too high: final figures come from other episodes.
 
 {units}"""
 
 
-def markdown(table: "pd.DataFrame") -> str:
+def markdown(table: "pd.DataFrame", task: "Task") -> str:
     """The tables for people, an arm after the other."""
     from benchmark.episodes.arm import setting_text
 
     units = "\n".join(f"- `{name}`: λ is {method.scale}." for name, method in METHODS.items() if name != "direct")
-    parts = [TEXT.format(most=MOST_SAMPLES, units=units)]
+    parts = [TEXT.format(most=MOST_SAMPLES, units=units, score=task.ranking[0])]
     for arm, group in table.groupby(CHOSEN_FOR, sort=True):
         about = dict(zip(CHOSEN_FOR, arm, strict=True))
         parts += [
             f"## {about['robot']}, {setting_text(about)}",
             f"Base {about['base']} m, wrist {about['branch']}, {about['sampler']}-{about['sampling_steps']}, "
             f"{group.checkpoints.max()} checkpoints. Chosen:",
-            shown(group[group.chosen]).to_markdown(index=False, disable_numparse=True),
+            shown(group[group.chosen], task).to_markdown(index=False, disable_numparse=True),
             "All:",
-            shown(group).to_markdown(index=False, disable_numparse=True),
+            shown(group, task).to_markdown(index=False, disable_numparse=True),
         ]
     return "\n\n".join(parts) + "\n"

@@ -17,13 +17,14 @@ from omegaconf import DictConfig
 
 from benchmark.settings.config import WandbConfig
 from benchmark.settings.setting import SettingError, typed
+from benchmark.settings.task import chosen_task
 from benchmark.sweeps.job import JobRecord
 
 MOST_FAILED = 20
 """How many failed jobs are said one by one."""
 
-_BEGUN: list[tuple[Path, WandbConfig]] = []
-"""Folder of the sweep of this process, and how it is logged."""
+_BEGUN: list[tuple[Path, WandbConfig, str]] = []
+"""Folder of the sweep of this process, how it is logged, and its task."""
 
 
 class SweepStart(Callback):
@@ -35,7 +36,7 @@ class SweepStart(Callback):
         shutil.rmtree(folder / "jobs", ignore_errors=True)
         (folder / "jobs").mkdir(parents=True)
         (folder / "jobs" / "total").write_text(str(count_jobs(config)))
-        _BEGUN.append((folder, typed(config.wandb, WandbConfig)))
+        _BEGUN.append((folder, typed(config.wandb, WandbConfig), config.task))
 
 
 def count_jobs(config: DictConfig) -> int:
@@ -55,7 +56,7 @@ def end_sweep() -> None:
     """
     if not _BEGUN:
         return
-    folder, wandb = _BEGUN.pop()
+    folder, wandb, task = _BEGUN.pop()
     records = [
         JobRecord(**json.loads(file.read_text()))
         for file in sorted((folder / "jobs").glob("*.json"), key=lambda file: int(file.stem))
@@ -68,12 +69,12 @@ def end_sweep() -> None:
         raise SettingError("A sweep rolls out the source itself without guidance only: lambda=0.")
     if left_out:
         print(f"{left_out} jobs would guide the source itself, and are left out.")
-    _sum_up(folder, wandb)
+    _sum_up(folder, wandb, task)
     if failed:
         _say_failed(failed, folder)
 
 
-def _sum_up(folder: Path, wandb: WandbConfig) -> None:
+def _sum_up(folder: Path, wandb: WandbConfig, task: str) -> None:
     """Log the sweep's curves."""
     import pandas as pd
 
@@ -83,7 +84,7 @@ def _sum_up(folder: Path, wandb: WandbConfig) -> None:
     tables = [pd.read_parquet(file) for file in sorted((folder / "jobs").glob("*.parquet"))]
     if tables:
         with unharmed():
-            log_curves(wandb, tables, folder.name)
+            log_curves(chosen_task(task), wandb, tables, folder.name)
 
 
 def _say_failed(failed: list[JobRecord], folder: Path) -> NoReturn:

@@ -10,7 +10,7 @@ from envs import ENVIRONMENTS, MAX_EPISODE_STEPS
 from envs.block_push.failure import CAUSES
 from envs.block_push.outcome import EpisodeOutcome, summarize
 from envs.block_push.scene import draw_scene
-from envs.block_push.workspace import CONTROL_FREQUENCY
+from envs.block_push.workspace import CONTROL_FREQUENCY, WORKSPACE
 from envs.task import Controller, Score, Task, Trait
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
@@ -44,7 +44,7 @@ def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
     from envs.arm.feasibility import table_feasibility
     from envs.block_push.aware_oracle import AwareOracle
 
-    table = table_feasibility(arm, SPACING)
+    table = table_feasibility(arm, SPACING, WORKSPACE)
     return lambda info: _acting_on_dict(AwareOracle(table, info["mode"]))
 
 
