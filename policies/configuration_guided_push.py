@@ -55,8 +55,8 @@ class GuidedPushConfig(DiffusionConfig):
     guidance_scale: float = 0.0
     """Its scale; for `paper` lambda, how much of the energy's slope is added to the noise. 0 turns guidance off."""
     energy_field: str | None = None
-    """Path of a saved `richmap.similarity.energy.EnergyField`, for methods that look at one: that of similarity to the
-    source, or that of the arm's own `policies.feasibility.distance_field`."""
+    """Path of a saved field (`richmap.similarity.load_field`), for methods that look at one: an `EnergyField`, of
+    similarity to the source, or the arm's own `SignedDistanceField`."""
     guidance_base: tuple[float, float] = (0.0, 0.0)
     """Position of the arm's base, x and y in [m], for methods that push from it or to it."""
     guidance_seed: int = 0

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from richmap.similarity.energy import EnergyField
+from richmap.similarity.signed_distance import SignedDistanceField
 
 MARGIN = 0.1
 """How far inside the border of what the arm can hold a cost begins, in [m]. A flange never is beyond that border, so
@@ -47,9 +48,9 @@ class Ring:
     """Greatest one, in [m]; infinity if the table ends before."""
 
     @classmethod
-    def of(cls, distance: EnergyField, base: tuple[float, float]) -> "Ring":
-        """The ring of an arm's own `policies.feasibility.distance_field`."""
-        return cls(base, float(distance.about["inner"]), float(distance.about["outer"]))
+    def of(cls, distance: SignedDistanceField, base: tuple[float, float]) -> "Ring":
+        """The ring of an arm's own."""
+        return cls(base, distance.inner, distance.outer)
 
     def gradient(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """Unitless; the way out of the narrowed ring as a part of `MARGIN`."""
@@ -93,8 +94,7 @@ class Infeasibility:
     1 at the border, and goes on rising.
     """
 
-    distance: EnergyField
-    """Signed distance, in [m], as `policies.feasibility.distance_field` makes it."""
+    distance: SignedDistanceField
 
     def value_and_gradient(
         self, points: Float[np.ndarray, "n 3"]

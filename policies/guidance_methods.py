@@ -10,6 +10,8 @@ from policies.fields import Field, Infeasibility, Ring, Towards, Turned
 from policies.guidance import FLANGE_HEIGHT, Guidance
 from policies.methods import METHODS
 from richmap.similarity.energy import EnergyField
+from richmap.similarity.load_field import StoredField
+from richmap.similarity.signed_distance import SignedDistanceField
 
 
 class Push(Guidance):
@@ -62,11 +64,11 @@ class Projection(Guidance):
     """Commands are moved to the nearest place that lies so far inside of what the arm can hold.
 
     Args:
-        distance: Signed distance to the border, in [m], as `policies.feasibility.distance_field` makes it.
+        distance: Signed distance to the border, in [m],.
         inside: How far inside, in [m].
     """
 
-    def __init__(self, distance: EnergyField, inside: float) -> None:
+    def __init__(self, distance: SignedDistanceField, inside: float) -> None:
         self.distance, self.inside = distance, inside
 
     def correct(self, chunk: Float[Tensor, "b t 2"], effector: Float[Tensor, "b 4"]) -> Float[Tensor, "b t 2"]:
@@ -97,14 +99,14 @@ class Projection(Guidance):
 
 
 def make_guidance(
-    method: str, scale: float, field: EnergyField | None, base: tuple[float, float], seed: int
+    method: str, scale: float, field: StoredField | None, base: tuple[float, float], seed: int
 ) -> Guidance:
     """The method of this name (`policies.methods.METHODS`).
 
     Args:
         method: Its name.
         scale: Its scale; 0 for direct transfer.
-        field: The energy of similarity, or the arm's `policies.feasibility.distance_field`, as the method needs.
+        field: The energy of similarity, or the arm's `SignedDistanceField`, as the method needs.
         base: Position of the arm's base, x and y in [m].
         seed: Of what is random: the angles of `shuffled`.
 
@@ -144,7 +146,7 @@ def make_guidance(
     raise AssertionError(method)
 
 
-def _check(method: str, scale: float, field: EnergyField | None) -> None:
+def _check(method: str, scale: float, field: StoredField | None) -> None:
     if method not in METHODS:
         raise ValueError(f"There is no guidance {method!r}. Methods: {', '.join(METHODS)}.")
     needed = METHODS[method].field
@@ -152,7 +154,7 @@ def _check(method: str, scale: float, field: EnergyField | None) -> None:
         return
     if field is None:
         raise ValueError(f"Guidance {method!r} needs a field of {needed}.")
-    if needed == "feasibility" and "outer" not in field.about:
+    if needed == "feasibility" and not isinstance(field, SignedDistanceField):
         raise ValueError(f"Guidance {method!r} needs the distance to what the arm can hold, not a field of similarity.")
     if METHODS[method].counts and (scale < 1 or scale != int(scale)):
         raise ValueError(f"The scale of {method!r} is a number of samples, 1 or more. Got {scale}.")

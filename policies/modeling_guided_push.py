@@ -14,7 +14,7 @@ from policies.guidance import Guidance
 from policies.guidance_methods import make_guidance
 from policies.guided_diffusion import GuidedDiffusion
 from policies.weight_average import WeightAverage
-from richmap.similarity.energy import EnergyField
+from richmap.similarity.load_field import load_field
 
 
 class GuidedPushPolicy(DiffusionPolicy):
@@ -30,7 +30,7 @@ class GuidedPushPolicy(DiffusionPolicy):
     def __init__(self, config: GuidedPushConfig, **kwargs: Any) -> None:
         super().__init__(config, **kwargs)
         self.diffusion = GuidedDiffusion(config)
-        field = EnergyField.load(Path(config.energy_field)) if config.needs_field else None
+        field = load_field(Path(config.energy_field)) if config.needs_field else None
         self.guidance: Guidance = make_guidance(
             config.guidance, config.guidance_scale, field, config.guidance_base, config.guidance_seed
         )

@@ -135,7 +135,7 @@ def test_the_slope_of_a_ramp_is_the_step_per_cell():
 
 
 def test_points_outside_are_refused(field):
-    with pytest.raises(ValueError, match="outside the energy field"):
+    with pytest.raises(ValueError, match="outside the field"):
         field.value_and_gradient(np.array([[0.0, 0.0, 0.49]]))
 
 

@@ -8,7 +8,6 @@ import torch
 
 from policies.block_push.push_reach import overreach
 from policies.block_push.reorder import Reorder
-from policies.feasibility import distance_field, feasible_ring
 from policies.fields import MARGIN, Infeasibility, Ring, Towards, Turned
 from policies.guidance import Guidance
 from policies.guidance_methods import BestOf, Descent, Projection, Push, make_guidance
@@ -16,6 +15,7 @@ from policies.methods import METHODS
 from policies.modeling_guided_push import GuidedPushPolicy
 from richmap.geometry.grid import Grid
 from richmap.similarity.energy import EnergyField
+from richmap.similarity.signed_distance import SignedDistanceField, feasible_ring
 
 INNER, OUTER = 0.2, 0.55
 BASE = (0.05, 0.0)
@@ -46,7 +46,7 @@ def distance():
     x, y = np.arange(-0.59, 0.9, 0.02), np.arange(-0.79, 0.8, 0.02)
     radius = np.hypot(x[:, None] - BASE[0], y[None] - BASE[1])
     feasible = (radius >= INNER) & (radius <= OUTER)
-    return distance_field(feasible, (-0.6, -0.8), 0.02, 0.06, BASE, {"target": "a ring"})
+    return SignedDistanceField.from_feasible(feasible, (-0.6, -0.8), 0.02, 0.06, BASE, {"target": "a ring"})
 
 
 def effectors(n=40, seed=0):
@@ -133,7 +133,7 @@ def test_a_ring_without_borders_pushes_nowhere():
 
 def test_the_arms_ring_is_found_and_stored(distance, tmp_path):
     distance.save(tmp_path / "field.safetensors")
-    ring = Ring.of(EnergyField.load(tmp_path / "field.safetensors"), BASE)
+    ring = Ring.of(SignedDistanceField.load(tmp_path / "field.safetensors"), BASE)
     assert (ring.inner, ring.outer) == pytest.approx((INNER, OUTER), abs=0.02)
 
 
@@ -152,10 +152,10 @@ def test_the_distance_is_that_to_the_border(distance):
 
 
 def test_an_arm_that_can_hold_everything_is_not_pushed():
-    everywhere = distance_field(np.full((40, 50), True), (-0.2, -0.75), 0.03, 0.06, BASE, {})
+    everywhere = SignedDistanceField.from_feasible(np.full((40, 50), True), (-0.2, -0.75), 0.03, 0.06, BASE, {})
     assert not Infeasibility(everywhere).gradient(places(effectors())).any()
     with pytest.raises(ValueError, match="nowhere"):
-        distance_field(np.full((40, 50), False), (-0.2, -0.75), 0.03, 0.06, BASE, {})
+        SignedDistanceField.from_feasible(np.full((40, 50), False), (-0.2, -0.75), 0.03, 0.06, BASE, {})
 
 
 def test_for_an_arm_that_is_a_ring_feasibility_is_the_ring(distance):

@@ -14,13 +14,14 @@ from envs.block_push import scene
 from policies import guidance
 from policies.block_push import features
 from policies.configuration_guided_push import GuidedPushConfig
-from policies.feasibility import distance_field
 from policies.guidance_methods import Push, make_guidance
 from policies.methods import METHODS
 from policies.modeling_guided_push import GuidedPushPolicy
 from policies.noise import episode_noise
 from richmap.geometry.grid import Grid
 from richmap.similarity.energy import EnergyField
+from richmap.similarity.load_field import load_field
+from richmap.similarity.signed_distance import SignedDistanceField
 
 ROWS = 6
 
@@ -64,7 +65,9 @@ def field_files(tmp_path_factory):
     radius = np.hypot(x[:, None], y[None])
     feasible = (radius > 0.3) & (radius < 0.5)
     slope(0.3, -0.2).save(folder / "energy.safetensors")
-    distance_field(feasible, (-0.2, -0.7), 0.02, 0.06, (0.0, 0.0), {}).save(folder / "feasibility.safetensors")
+    SignedDistanceField.from_feasible(feasible, (-0.2, -0.7), 0.02, 0.06, (0.0, 0.0), {}).save(
+        folder / "feasibility.safetensors"
+    )
     return {name: folder / f"{name}.safetensors" for name in ("energy", "feasibility")}
 
 
@@ -229,7 +232,7 @@ def test_a_descent_moves_the_clean_actions_by_the_chain_rule(batch, prediction):
 def test_a_method_from_the_config_is_that_method_in_code_and_repeats(name, batch, sampler, field_files):
     """And a row is still a function of itself alone."""
     kind, scale = METHODS[name].field, 3.0 if METHODS[name].counts else 0.04
-    field = None if kind is None else EnergyField.load(field_files[kind])
+    field = None if kind is None else load_field(field_files[kind])
     fields = dict(guidance=name, guidance_scale=scale, guidance_base=(0.02, 0.0), guidance_seed=7)
     configured = make_policy(noise_scheduler_type=sampler, energy_field=str(field_files.get(kind, "")), **fields)
     coded = make_policy(noise_scheduler_type=sampler)
@@ -246,7 +249,7 @@ def test_a_method_from_the_config_is_that_method_in_code_and_repeats(name, batch
 def test_the_best_of_one_is_direct(name, batch, sampler, field_files):
     policy = make_policy(noise_scheduler_type=sampler)
     plain = policy.predict_action_chunk(batch, noise_for(policy))
-    policy.guidance = make_guidance(name, 1.0, EnergyField.load(field_files[METHODS[name].field]), (0.0, 0.0), 0)
+    policy.guidance = make_guidance(name, 1.0, load_field(field_files[METHODS[name].field]), (0.0, 0.0), 0)
     assert torch.equal(policy.predict_action_chunk(batch, noise_for(policy)), plain)
 
 

@@ -14,7 +14,7 @@ from benchmark.rollouts.rollout import play
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import RobotConfig, RunConfig
 from envs.block_push.pushing import push
-from policies.feasibility import distance_field
+from richmap.similarity.signed_distance import SignedDistanceField
 
 FOLDER = Path(__file__).parents[1] / "benchmark" / "entries" / "hand_over"
 OUTER = 0.55
@@ -28,7 +28,7 @@ def field(tmp_path_factory):
     x, y = np.arange(-0.19, 0.9, 0.02), np.arange(-0.69, 0.7, 0.02)
     feasible = np.hypot(x[:, None], y[None]) <= OUTER
     path = tmp_path_factory.mktemp("field") / "distance.safetensors"
-    distance_field(feasible, (-0.2, -0.7), 0.02, 0.06, (0.0, 0.0), {"target": "ur3"}).save(path)
+    SignedDistanceField.from_feasible(feasible, (-0.2, -0.7), 0.02, 0.06, (0.0, 0.0), {"target": "ur3"}).save(path)
     return path
 
 

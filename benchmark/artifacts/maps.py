@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from richmap.robots.robot import RobotDescription
     from richmap.similarity.energy import EnergyField
 
+FIELD_VERSION = 1
+"""Of energy fields: raised by hand when the same maps and settings give another one."""
+
 
 def robot_map(
     description: "RobotDescription",
@@ -143,7 +146,9 @@ def energy_field(
         The field, in the world frame, and its file in the cache.
     """
     from benchmark.artifacts.cache import cached, fingerprint
-    from richmap.similarity import energy, energy_settings, similarity
+    from richmap.similarity.energy import EnergyField
+    from richmap.similarity.energy_settings import EnergySettings
+    from richmap.similarity.similarity import similarity
 
     source_map, target_map = compared_maps(target, base, map_config, workers, console)
     inputs = {
@@ -151,18 +156,19 @@ def energy_field(
         "target": target_map.content_hash,
         "base": base,
         "energy": asdict(config),
+        "version": FIELD_VERSION,
     }
-    key = fingerprint(inputs, [similarity, energy, energy_settings])
+    key = fingerprint(inputs, [])
     choices = asdict(config)
     scales = choices.pop("scales")
 
-    def build() -> energy.EnergyField:
+    def build() -> EnergyField:
         with console.status(f"Comparing {SOURCE} and {target.name}"):
-            grid = similarity.similarity(source_map, target_map, base, scales)
+            grid = similarity(source_map, target_map, base, scales)
             about = {"source": SOURCE, "target": target.name, "fingerprint": key}
-            return energy.EnergyField.from_similarity(grid, energy_settings.EnergySettings(**choices), about)
+            return EnergyField.from_similarity(grid, EnergySettings(**choices), about)
 
-    return cached(f"fields/{SOURCE}-{target.name}-{key[:16]}.safetensors", energy.EnergyField.load, build)
+    return cached(f"fields/{SOURCE}-{target.name}-{key[:16]}.safetensors", EnergyField.load, build)
 
 
 class MapProgress:

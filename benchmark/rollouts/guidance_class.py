@@ -37,7 +37,7 @@ class GuidanceClass:
                 if it raises, or answers what it should not.
         """
         from policies.guidance import Guidance
-        from richmap.similarity.energy import EnergyField
+        from richmap.similarity.load_field import load_field
 
         if not self.file.is_file():
             raise SettingError(f"There is no {self.file}, which should hold the guidance {self.name}.")
@@ -54,7 +54,7 @@ class GuidanceClass:
         found = getattr(module, self.name, None)
         if not inspect.isclass(found) or not issubclass(found, Guidance):
             raise SettingError(f"{self.file} has no class {self.name} that is a policies.guidance.Guidance.")
-        theirs = found(EnergyField.load(field) if field else None, scale, base, seed)
+        theirs = found(load_field(field) if field else None, scale, base, seed)
         return _checked(theirs, f"{self.file}: {self.name}")
 
 

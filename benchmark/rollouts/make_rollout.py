@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from benchmark.episodes.table import Condition
     from benchmark.rollouts.rollout import Rollout
     from envs.arm.arms import ArmSetting
-    from richmap.similarity.energy import EnergyField
+    from richmap.similarity.load_field import StoredField
 
 
 def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Console") -> "Rollout":
@@ -36,7 +36,7 @@ def make_condition(
     method: str,
     scale: float,
     checkpoint: Path,
-    field: "EnergyField | None",
+    field: "StoredField | None",
     entry_hash: str = "",
 ) -> "Condition":
     """What a policy on an arm is run with, with the code and the device of this machine."""
@@ -81,7 +81,7 @@ def make_condition(
 
 def guidance_field(
     kind: str | None, arm: "ArmSetting", config: RunConfig, console: "Console"
-) -> tuple["EnergyField | None", Path | None]:
+) -> tuple["StoredField | None", Path | None]:
     """The field of a kind (`policies.methods.Method.field`) for this arm, and its file; None for None."""
     return _field(kind, arm, config.robot, config.map, config.energy, config.workers, console)
 
@@ -95,13 +95,13 @@ def _field(
     energy: EnergyConfig,
     workers: int,
     console: "Console",
-) -> tuple["EnergyField | None", Path | None]:
-    from benchmark.artifacts.feasibility_field import feasibility_field
+) -> tuple["StoredField | None", Path | None]:
+    from benchmark.artifacts.distance_field import distance_field
     from benchmark.artifacts.maps import energy_field
 
     match kind:
         case "energy":
             return energy_field(robot.load(), arm.base, of_map, energy, workers, console)
         case "feasibility":
-            return feasibility_field(arm, console)
+            return distance_field(arm, console)
     return None, None

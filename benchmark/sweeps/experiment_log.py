@@ -148,9 +148,9 @@ def _field(file: Path) -> "wandb.Artifact":
     """A field's file; like a checkpoint's it is not copied."""
     import wandb
 
-    from richmap.similarity.energy import EnergyField
+    from richmap.similarity.load_field import load_field
 
-    about = EnergyField.load(file).about
+    about = load_field(file).about
     artifact = wandb.Artifact(f"field-{about['target']}-{about['fingerprint'][:12]}", type="field", metadata=about)
     artifact.add_file(str(file.resolve()), policy="immutable", skip_cache=True)
     return artifact

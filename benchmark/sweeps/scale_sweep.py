@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from benchmark.rollouts.rollout import Rollout
     from envs.task import Task
-    from richmap.similarity.energy import EnergyField
+    from richmap.similarity.load_field import StoredField
 
 
 COLLAPSE = 0.5
@@ -104,7 +104,7 @@ def budget(config: ScalesConfig) -> str:
     )
 
 
-def method_fields(config: ScalesConfig, console: "Console") -> "dict[str, tuple[EnergyField | None, Path | None]]":
+def method_fields(config: ScalesConfig, console: "Console") -> "dict[str, tuple[StoredField | None, Path | None]]":
     """The field that each method looks at, and its file; those of one kind are built once."""
     from benchmark.episodes.arm import chosen_arm
     from benchmark.rollouts.make_rollout import guidance_field
@@ -116,7 +116,7 @@ def method_fields(config: ScalesConfig, console: "Console") -> "dict[str, tuple[
     return {method: of_kind(METHODS[method].field) for method in config.methods}
 
 
-def guided(direct: "Rollout", method: str, scale: float, field: "EnergyField | None", path: Path | None) -> "Rollout":
+def guided(direct: "Rollout", method: str, scale: float, field: "StoredField | None", path: Path | None) -> "Rollout":
     """The same rollout with guidance."""
     condition = replace(direct.condition, method=method, guidance_scale=scale)
     if field is not None:
@@ -128,7 +128,7 @@ def guided(direct: "Rollout", method: str, scale: float, field: "EnergyField | N
 def sweep(
     config: ScalesConfig,
     direct: "list[Rollout]",
-    fields: "dict[str, tuple[EnergyField | None, Path | None]]",
+    fields: "dict[str, tuple[StoredField | None, Path | None]]",
     console: "Console",
 ) -> "pd.DataFrame":
     """Direct transfer and then level by level the next scale of every method that has not collapsed.

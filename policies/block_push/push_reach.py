@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from richmap.similarity.energy import EnergyField
+from richmap.similarity.signed_distance import SignedDistanceField
 
 APPROACH, CONTACT = 0.05, 0.03
 """Distances of the pusher behind the block's centre, in [m]: where a push is approached from, and while it lasts."""
@@ -14,7 +14,7 @@ POINTS = 16
 
 
 def overreach(
-    distance: EnergyField,
+    distance: SignedDistanceField,
     blocks: Float[np.ndarray, "b 2 2"],
     targets: Float[np.ndarray, "b 2 2"],
     margin: float,
@@ -26,7 +26,7 @@ def overreach(
     and then the way from there.
 
     Args:
-        distance: Signed distance to the border, in [m], as `policies.feasibility.distance_field` makes it.
+        distance: Signed distance to the border, in [m].
         blocks: Centres, world frame, in [m].
         targets: Centres, likewise.
         margin: How far inside of the border the pusher is to stay, in [m].

@@ -6,7 +6,7 @@ from torch import Tensor
 
 from policies.block_push.push_reach import PLACED, overreach
 from policies.guidance import FLANGE_HEIGHT, Guidance
-from richmap.similarity.energy import EnergyField
+from richmap.similarity.signed_distance import SignedDistanceField
 
 
 class Reorder(Guidance):
@@ -17,11 +17,11 @@ class Reorder(Guidance):
     Scenes in which all pushes can be made, or in which a block is placed, are shown as they are.
 
     Args:
-        distance: Signed distance to the border, in [m], as `policies.feasibility.distance_field` makes it.
+        distance: Signed distance to the border, in [m].
         margin: How far inside of the border the pusher is to stay, in [m].
     """
 
-    def __init__(self, distance: EnergyField, margin: float) -> None:
+    def __init__(self, distance: SignedDistanceField, margin: float) -> None:
         self.distance, self.margin = distance, margin
 
     def imagine(self, environment: Float[Tensor, "b t 12"], effector: Float[Tensor, "b 4"]) -> Float[Tensor, "b t 12"]:

@@ -1,36 +1,31 @@
 """From the similarity of two robots to a smooth energy field over the workspace."""
 
-import json
-from dataclasses import asdict, dataclass
-from functools import cached_property
+from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
+from typing import final
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import binary_dilation, distance_transform_cdt, gaussian_filter
 
-from richmap.files import load_arrays, save_arrays
-from richmap.geometry.cubic_spline import CubicSpline
-from richmap.geometry.grid import Grid
 from richmap.similarity.energy_settings import EnergySettings
+from richmap.similarity.grid_field import GridField
 from richmap.similarity.similarity import SimilarityGrid
-
-KIND, VERSION = "richmap.EnergyField", 1
 
 SIX_NEIGHBOURS = np.zeros((3, 3, 3), dtype=bool)
 SIX_NEIGHBOURS[[0, 2, 1, 1, 1, 1], [1, 1, 0, 2, 1, 1], [1, 1, 1, 1, 0, 2]] = True
 
 
+@final
 @dataclass(frozen=True)
-class EnergyField:
-    """Smooth energy over the workspace in the world frame; low where the robots are alike (RichMap, Eqs. 9-10)."""
+class EnergyField(GridField):
+    """Energy of similarity, unitless; low where the robots are alike (RichMap, Eqs. 9-10)."""
 
-    grid: Grid
-    values: Float[np.ndarray, "nx ny nz"]
-    """Energy at the cells' centres, unitless."""
-    about: dict[str, str]
-    """What the field was made from, for provenance."""
+    KIND = "richmap.EnergyField"
+
+    @property
+    def unit(self) -> str:
+        return "1"
 
     @classmethod
     def from_similarity(
@@ -40,56 +35,6 @@ class EnergyField:
         energy = propagate(seed_cells(similarity, settings), settings.step)
         smooth = gaussian_filter(energy, settings.smoothing, mode="nearest")
         return cls(similarity.grid, smooth, about)
-
-    def value_and_gradient(
-        self, points: Float[np.ndarray, "n 3"]
-    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
-        """Energy and its gradient, in [1/m], at points of the world frame, in [m].
-
-        The field is the cubic B-spline through the cells' centres, so both are exact and continuous.
-
-        Raises:
-            ValueError: If a point lies outside the cells' centres.
-        """
-        result = self._spline.value_and_gradient(points)
-        if np.isnan(result[:, 0]).any():
-            lower, upper = np.array([axis[[0, -1]] for axis in self.grid.axes()]).T
-            point = points[np.isnan(result[:, 0])][0]
-            raise ValueError(f"{point} m is outside the energy field, from {lower} to {upper} m.")
-        return result[:, 0], result[:, 1:]
-
-    def gradient(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """The gradient alone, which is all that guidance needs.
-
-        Raises:
-            ValueError: If a point lies outside the cells' centres.
-        """
-        return self.value_and_gradient(points)[1]
-
-    @cached_property
-    def _spline(self) -> CubicSpline:
-        return CubicSpline.through(self.grid.axes(), self.values)
-
-    def save(self, path: Path) -> None:
-        """Write the field as one safetensors file, atomically."""
-        save_arrays(
-            path,
-            KIND,
-            VERSION,
-            {"values": self.values},
-            {"grid": json.dumps(asdict(self.grid)), **self.about},
-        )
-
-    @classmethod
-    def load(cls, path: Path) -> "EnergyField":
-        """Read a field.
-
-        Raises:
-            FileRefusedError: If the file is cut short, is no field, or has another version.
-        """
-        arrays, about = load_arrays(path, KIND, VERSION)
-        grid = Grid.from_dict(json.loads(about.pop("grid")))
-        return cls(grid, arrays["values"], about)
 
 
 def seed_cells(similarity: SimilarityGrid, settings: EnergySettings) -> Bool[np.ndarray, "nx ny nz"]:

@@ -17,7 +17,7 @@ from envs.block_push.success import inside
 from envs.block_push.workspace import WORKSPACE
 from policies.block_push.push_reach import overreach
 from policies.guidance import FLANGE_HEIGHT, Guidance
-from richmap.similarity.energy import EnergyField
+from richmap.similarity.signed_distance import SignedDistanceField
 
 SPACING = 0.01
 """Of the points at which the planner asks where the arm can hold its tool, in [m]."""
@@ -39,7 +39,7 @@ class HandOver(Guidance):
         seed: Not looked at.
     """
 
-    def __init__(self, field: EnergyField, scale: float, base: tuple[float, float], seed: int) -> None:
+    def __init__(self, field: SignedDistanceField, scale: float, base: tuple[float, float], seed: int) -> None:
         self._field, self._margin, self._table = field, scale, table_of(field.about["target"], base)
         self._ways = lru_cache(maxsize=128)(lambda x, y: BlockWays(self._table, np.array([x, y])))
         self._planners: dict[int, tuple[AwarePusher, np.ndarray]] = {}  # With the scene that it saw last.
@@ -96,7 +96,7 @@ class HandOver(Guidance):
 
 
 def demand(
-    field: EnergyField, blocks: Float[np.ndarray, "b 2 3"], targets: Float[np.ndarray, "b 2 2"], margin: float
+    field: SignedDistanceField, blocks: Float[np.ndarray, "b 2 3"], targets: Float[np.ndarray, "b 2 2"], margin: float
 ) -> Float[np.ndarray, "b 2 2"]:
     """How far beyond the border of what the arm can hold each block's straight push into each target leads the tool.
 
