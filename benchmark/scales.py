@@ -49,11 +49,10 @@ def main(config: ScalesConfig) -> None:
         "fields": draw_fields(guidances, base, demonstrated_path(task, 10, console)),
     }
     for name, figure in figures.items():
-        for ending in ("svg", "png"):
-            file = folder / "figures" / f"{name}.{ending}"
-            with replacing(file) as path:
-                figure.savefig(path, dpi=100)
-            console.print(f"Figure: {file}", soft_wrap=True)
+        file = folder / "figures" / f"{name}.png"
+        with replacing(file) as path:
+            figure.savefig(path, dpi=100)
+        console.print(f"Figure: {file}", soft_wrap=True)
     console.print(shown(arm[arm.chosen], task).to_markdown(index=False), soft_wrap=True, markup=False)
     console.print(f"Table: {folder / 'scales.md'}", soft_wrap=True)
 

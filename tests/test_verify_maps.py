@@ -113,7 +113,7 @@ def test_the_command_follows_an_arms_map_while_it_grows(tmp_path):
     map_growth(config)
     table = pd.read_parquet(tmp_path / "map_growth.parquet")
     assert table.inserted.drop_duplicates().tolist()[:2] == [1000, 2000] and table.inserted.nunique() == 3
-    assert (tmp_path / "figures" / "map_growth.svg").exists()
+    assert (tmp_path / "figures" / "map_growth.png").exists()
 
 
 def test_three_answers_of_whole_poses_are_counted_by_what_is_true():

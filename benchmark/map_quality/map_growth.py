@@ -117,9 +117,8 @@ def draw(table: "pd.DataFrame", folder: Path) -> None:
             axis.set(title=f"{title}, {labels} labels", xlabel="Inserted, in millions")
             axis.grid(alpha=0.3)
     axes[0, 0].legend()
-    for ending in ("svg", "png"):
-        with replacing(folder / f"map_growth.{ending}") as file:
-            figure.savefig(file, dpi=150)
+    with replacing(folder / "map_growth.png") as file:
+        figure.savefig(file, dpi=150)
     plt.close(figure)
 
 

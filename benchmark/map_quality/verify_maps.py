@@ -212,9 +212,8 @@ def draw_curves(curves: "pd.DataFrame", table: "pd.DataFrame", folder: Path) -> 
             axis.set_ylim(85, 100)
             axis.grid(alpha=0.3)
             axis.legend(fontsize=6)
-    for ending in ("svg", "png"):
-        with replacing(folder / f"verify_curves.{ending}") as file:
-            figure.savefig(file, dpi=150)
+    with replacing(folder / "verify_curves.png") as file:
+        figure.savefig(file, dpi=150)
     plt.close(figure)
 
 

@@ -39,7 +39,7 @@ class TopViewConfig:
     setting: str = "embodied"
     """Where the arms stand (see benchmark.run); what else the setting says does not change the fields."""
     output_dir: str = "results/figures"
-    """Folder of top_view.png and top_view.svg."""
+    """Folder of top_view.png."""
     workers: int = 2
     """Processes that sample for maps that are not in the cache. A whole number >= 1."""
     map: MapConfig = field(default_factory=MapConfig)
@@ -69,11 +69,10 @@ def main(config: TopViewConfig) -> None:
         energy, _ = energy_field(robot, arm.base, config.map, config.energy, config.workers, console)
         drawn.append((arm, similarity(source, target, arm.base, config.energy.scales), energy))
     figure = top_view_figure(drawn)
-    for ending in ("png", "svg"):
-        file = Path(config.output_dir, f"top_view.{ending}")
-        with replacing(file) as path:
-            figure.savefig(path, dpi=150)
-        console.print(str(file), soft_wrap=True)
+    file = Path(config.output_dir, "top_view.png")
+    with replacing(file) as path:
+        figure.savefig(path, dpi=150)
+    console.print(str(file), soft_wrap=True)
 
 
 def top_view_figure(drawn: "list[tuple[ArmSetting, SimilarityGrid, EnergyField]]") -> "Figure":
