@@ -218,7 +218,7 @@ def _array(arrays: Arrays, name: str, dtype: str | tuple[str, ...], *shape: int 
     return array
 
 
-def _check_range(array: np.ndarray, name: str, least: float, most: float) -> None:
+def _check_range(array: np.ndarray, name: str, least: float | int, most: float | int) -> None:
     if array.size and not (least <= array.min() and array.max() <= most):  # also where one is not a number
         raise ValueError(f"{name} holds values that are not from {least:g} to {most:g}")
 
