@@ -9,6 +9,8 @@ from typing import Any, get_args, get_type_hints
 import gymnasium
 import numpy as np
 
+from richmap.task_spaces.task_space import TaskSpace
+
 type Controller = Callable[[dict[str, np.ndarray]], np.ndarray]
 """Acts on the environment's observation, a dict of `agent_pos` and `environment_state`."""
 
@@ -61,8 +63,8 @@ class Task:
         ValueError: If what it says does not fit together.
     """
 
-    name: str
-    """In settings, folders and the column `task`: lower case, digits and _."""
+    space: TaskSpace
+    """What a policy sees and gives, and what that does to the commanded flange; the task's name is its name."""
     description: str
     """What is to be done, one sentence; the language that goes with demonstrations."""
     make: Callable[..., gymnasium.Env]
@@ -88,8 +90,6 @@ class Task:
     """Why an episode may fail: `envs.arm.lost_command.ARM_CAUSES`, then the task's own."""
     history: tuple[Change, ...]
     """Lines of `episode_version`; the newest last."""
-    features: str
-    """Package below `policies` that holds the task's features."""
     plain_oracle: OracleOnArm | None = None
     """The scripted expert that knows nothing of its arm: the reference."""
     aware_oracle: OracleOnArm | None = None
@@ -101,7 +101,7 @@ class Task:
     """What `plan` and `traits` are, in a paragraph."""
 
     def __post_init__(self) -> None:
-        if not re.fullmatch("[a-z][a-z0-9_]*", self.name):
+        if not re.fullmatch("[a-z][a-z0-9_]*", self.space.name):
             raise ValueError(f"A task's name is made of a-z, 0-9 and _. Got {self.name!r}.")
         names = {each.name for each in fields(self.outcome)}
         used = {*NEEDED, self.success, *self.plan, *(score.name for score in self.scores)}
@@ -112,6 +112,11 @@ class Task:
             raise ValueError(
                 f"The task {self.name} ranks by {', '.join(strange) or 'nothing'}, which is none of its scores."
             )
+
+    @property
+    def name(self) -> str:
+        """In settings, folders and the column `task`: lower case, digits and _."""
+        return self.space.name
 
     @property
     def columns(self) -> dict[str, Any]:

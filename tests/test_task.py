@@ -12,6 +12,7 @@ from envs.block_push.oracle import run_oracle
 from envs.block_push.task import BLOCK_PUSH
 from envs.task import Change, play_oracle
 from envs.tasks import TASKS, task_named
+from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
 
 @pytest.mark.parametrize("task", TASKS, ids=lambda task: task.name)
@@ -37,7 +38,7 @@ def test_what_is_no_task_is_refused_in_a_line(name, said):
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"name": "Block push"}, "name is made of a-z, 0-9 and _. Got 'Block push'"),
+        ({"space": replace(BLOCK_PUSH_SPACE, name="Block push")}, "name is made of a-z, 0-9 and _. Got 'Block push'"),
         ({"success": "won"}, "The outcome of the task block_push lacks won"),
         ({"ranking": ("speed",)}, "ranks by speed, which is none of its scores"),
         ({"ranking": ()}, "ranks by nothing"),

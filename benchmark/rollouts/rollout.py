@@ -88,8 +88,8 @@ def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], No
     policy = load_policy(rollout)
     policy.reset()
     environments = {slot: _environment(rollout, slot, watch is not None) for slot in seed_of}
-    space = next(iter(environments.values())).observation_space
-    batch = {name: np.zeros((shape, *space[key].shape), np.float32) for key, name in OBSERVED.items()}
+    shapes = _shapes(rollout.task)
+    batch = {name: np.zeros((shape, *shapes[name]), np.float32) for name in OBSERVED.values()}
     infos: dict[int, list[dict]] = {slot: [] for slot in seed_of}
 
     def take(slot: int, observation: dict[str, np.ndarray], info: dict) -> None:
@@ -141,7 +141,7 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
     if Checkpoint(rollout.checkpoint).type != GUIDED:
         from benchmark.rollouts.stock_policy import StockPolicy
 
-        return StockPolicy(rollout.checkpoint, rollout.condition.device, _shapes(_environment(rollout, 0, False)))
+        return StockPolicy(rollout.checkpoint, rollout.condition.device, _shapes(rollout.task))
     config = PreTrainedConfig.from_pretrained(rollout.checkpoint)
     config.device = rollout.condition.device
     if rollout.guidance is None:
@@ -160,10 +160,14 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
     return policy.to(rollout.condition.device).eval()
 
 
-def _shapes(env: gymnasium.Env) -> dict[str, tuple[int, ...]]:
+def _shapes(task: Task) -> dict[str, tuple[int, ...]]:
     """Shapes of observations and actions, by LeRobot's names."""
-    shapes = {name: env.observation_space[key].shape for key, name in OBSERVED.items()}
-    return shapes | {"action": env.action_space.shape}
+    layouts = {
+        "observation.state": task.space.state,
+        "observation.environment_state": task.space.environment,
+        "action": task.space.action,
+    }
+    return {name: (layout.width,) for name, layout in layouts.items()}
 
 
 def _environment(rollout: Rollout, slot: int, render: bool) -> gymnasium.Env:

@@ -70,7 +70,7 @@ others are shares of an episode's steps (means over episodes), whose intervals h
 in the paper's dangerous one, in its two readings; *outer reach* beyond 0.54 m."""
 
 BLOCK_PUSH = Task(
-    name="block_push",
+    space=BLOCK_PUSH_SPACE,
     description="Push each block into a target of its own.",
     make=make,
     max_episode_steps=MAX_EPISODE_STEPS,
@@ -88,7 +88,6 @@ BLOCK_PUSH = Task(
     ranking=("p2", "success_at_end", "p1", "score"),
     causes=CAUSES,
     history=(),
-    features="block_push",
     plain_oracle=plain_oracle,
     aware_oracle=aware_oracle,
     plan=("first_block", "first_target"),

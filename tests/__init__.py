@@ -1,0 +1,1 @@
+"""Facts about the project, and what they are tested with."""
