@@ -1,5 +1,5 @@
 # `make run` and `make test` set everything up first; a second call starts at once.
-.PHONY: run test check setup clean
+.PHONY: run test check docs test-docs setup clean
 
 UV := .boot/bin/uv
 PYTHON := .venv/bin/python
@@ -15,6 +15,14 @@ check: setup
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	$(PYTEST)
+
+# The documents as a site, in outputs/docs; a warning, such as a link that leads nowhere, fails.
+docs: .venv/.ready
+	$(PYTHON) -m sphinx -W --keep-going -q -b html docs outputs/docs
+
+# The Python blocks of the documents.
+test-docs: .venv/.ready
+	$(PYTEST) -n 0 README.md docs
 
 setup: .venv/.ready .venv/.browser
 

@@ -35,8 +35,8 @@ SEEDS = [100_000, 100_001, 100_002]
 
 
 def write_entry(folder, **values):
-    """An entry with the class of the README."""
-    readme = (ROOT / "README.md").read_text()
+    """An entry with the class of the documents."""
+    readme = (ROOT / "docs" / "submit.md").read_text()
     (code,) = [code for code in re.findall(r"```python\n(.*?)```", readme, re.DOTALL) if "class Slower" in code]
     (about,) = [text for text in re.findall(r"```yaml\n(.*?)```", readme, re.DOTALL) if "half-speed" in text]
     folder.mkdir(parents=True, exist_ok=True)
@@ -388,7 +388,7 @@ def test_guidance_needs_a_policy_that_can_be_guided_and_files_no_links(untrained
     (entry / "link.py").symlink_to(ROOT / "README.md")
     with pytest.raises(SettingError, match="link.py is a link. An entry holds its files itself"):
         _ = Entry.load(entry).files_hash
-    with pytest.raises(SettingError, match="is no entry: it lacks entry.yaml. See 'Enter your own' in README.md"):
+    with pytest.raises(SettingError, match="is no entry: it lacks entry.yaml. See docs/submit.md"):
         enter.main(settings(tmp_path, tmp_path))
 
 

@@ -40,7 +40,7 @@ class Entry:
         """
         file = folder / "entry.yaml"
         if not file.is_file():
-            raise SettingError(f"entry={folder} is no entry: it lacks entry.yaml. See 'Enter your own' in README.md.")
+            raise SettingError(f"entry={folder} is no entry: it lacks entry.yaml. See docs/submit.md.")
         try:
             if "${" in file.read_text():
                 raise SettingError(f"{file} has ${{...}}. What it says stands in the file itself: write the value.")
