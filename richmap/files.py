@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import safetensors.numpy
 from safetensors import SafetensorError, safe_open
+
+from richmap.file_contents import check_contents
 
 if TYPE_CHECKING:
     from richmap.robots.robot import RobotDescription
@@ -45,7 +48,7 @@ def reading(path: Path | str, kind: str, version: int) -> Iterator[tuple[dict[st
         yield arrays, about
     except FileRefusedError:
         raise
-    except (KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise FileRefusedError(
             f"{path} does not hold what {kind} of version {version} does ({error!r}). Delete it and make it again."
         ) from error
@@ -56,16 +59,19 @@ def load_arrays(path: Path | str, kind: str, version: int) -> tuple[dict[str, np
 
     Raises:
         FileNotFoundError: If there is no such file.
-        FileRefusedError: If the file is cut short or damaged, or is of another kind or version.
+        FileRefusedError: If the file is cut short or damaged, is of another kind or version, or does not hold what its
+            kind must (`richmap.file_contents`).
     """
     path = Path(path)
     try:
+        if not stat.S_ISREG(path.stat().st_mode):  # To open a pipe would wait for whoever writes to it.
+            raise OSError("it is no file with a content")
         with safe_open(path, framework="numpy") as archive:  # refuses a header that does not fit the file's length
             about = archive.metadata() or {}
         with path.open("rb") as file:
             length = int.from_bytes(file.read(8), "little")
             header = json.loads(file.read(length))
-    except (SafetensorError, OSError, ValueError) as error:
+    except (SafetensorError, OSError, ValueError, RecursionError) as error:
         if isinstance(error, (FileNotFoundError, PermissionError)):
             raise
         raise FileRefusedError(f"{path} is cut short or no {kind} ({error}). Delete it and make it again.") from error
@@ -75,17 +81,17 @@ def load_arrays(path: Path | str, kind: str, version: int) -> tuple[dict[str, np
             f"{path} holds {found[0]} of version {found[1]}; expected {kind} of version {version}. "
             "Delete it and make it again."
         )
-    del header["__metadata__"]
-    whole = np.memmap(path, np.uint8, "r", offset=8 + length) if header else np.zeros(0, np.uint8)
+    header.pop("__metadata__")
     named = about.pop("sha256", None)
     try:
+        whole = _content(path, 8 + length)
         arrays = {name: _tensor(whole, **entry) for name, entry in header.items()}
-    except (KeyError, ValueError) as error:
-        raise FileRefusedError(f"{path} is damaged ({error!r}). Delete it and make it again.") from error
-    if _digest(arrays, about) != named:
-        raise FileRefusedError(
-            f"{path} is damaged: its content does not have the hash that it names. Delete it and make it again."
-        )
+        if _digest(arrays, about) != named:
+            raise ValueError("its content does not have the hash that it names")
+        check_contents(kind, arrays, about)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        why = error if isinstance(error, ValueError) else repr(error)
+        raise FileRefusedError(f"{path} is damaged: {why}. Delete it and make it again.") from error
     return arrays, about
 
 
@@ -107,7 +113,17 @@ def _digest(arrays: dict[str, np.ndarray], about: dict[str, str]) -> str:
     return digest.hexdigest()
 
 
+def _content(path: Path, offset: int) -> np.ndarray:
+    """Bytes of a file from an offset on, mapped into memory."""
+    if path.stat().st_size == offset:
+        return np.zeros(0, np.uint8)
+    return np.memmap(path, np.uint8, "r", offset=offset)
+
+
 def _tensor(data: np.ndarray, dtype: str, shape: list[int], data_offsets: list[int]) -> np.ndarray:
     """One array of a safetensors file, as its header describes it."""
     first, last = data_offsets
-    return np.asarray(data[first:last]).view(DTYPES[dtype]).reshape(shape)
+    array = np.asarray(data[first:last]).view(DTYPES[dtype]).reshape(shape)
+    if not array.flags.aligned:
+        raise ValueError("an array does not begin where its type can")
+    return array
