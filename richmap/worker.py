@@ -4,6 +4,36 @@ import multiprocessing
 import os
 import signal
 import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from typing import Any
+
+
+@contextmanager
+def worker_pool(
+    workers: int, initializer: Callable[..., None] | None = None, arguments: tuple[Any, ...] = ()
+) -> Iterator[ProcessPoolExecutor]:
+    """Worker processes that an error, Ctrl-C or SIGTERM in the block ends at once, and that end with this process.
+
+    One that is killed raises `BrokenProcessPool` in the block.
+
+    Args:
+        workers: How many.
+        initializer: Called in each of them first; `start_worker` if None, and otherwise to be called by it.
+        arguments: For the initializer.
+    """
+    others = {child.pid for child in multiprocessing.active_children()}
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, context, initializer or start_worker, arguments) as pool:
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in multiprocessing.active_children():
+                if child.pid not in others:
+                    child.kill()
+            raise
 
 
 def start_worker() -> None:

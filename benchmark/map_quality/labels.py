@@ -8,7 +8,6 @@ import hashlib
 import json
 import sys
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -136,11 +135,9 @@ def labelled(
             parts.append(part)
             report(min(n, CHUNK * len(parts)))
     else:
-        from multiprocessing import get_context
+        from richmap.worker import worker_pool
 
-        from richmap.worker import start_worker
-
-        with ProcessPoolExecutor(workers, get_context("spawn"), start_worker) as pool:
+        with worker_pool(workers) as pool:
             for part in pool.map(make, numbers):
                 parts.append(part)
                 report(min(n, CHUNK * len(parts)))

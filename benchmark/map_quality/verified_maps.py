@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from benchmark.artifacts.cache import seconds
 from benchmark.settings.config import VerifyMapsConfig
+from richmap.worker import worker_pool
 
 if TYPE_CHECKING:
     import numpy as np
@@ -212,7 +213,7 @@ def _build_fraction_map(robot: "RobotDescription", asked, workers: int, console:
     from benchmark.artifacts.progress import progress_bar
     from richmap.counterparts.fraction_map import build_fraction_map
 
-    with _pool(workers) as pool, progress_bar(console) as progress:
+    with worker_pool(workers) as pool, progress_bar(console) as progress:
         tasks = {}
 
         def report(stage) -> None:
@@ -229,15 +230,6 @@ def _build_rm4d(robot: "RobotDescription", asked, workers: int, console: "Consol
     from benchmark.artifacts.progress import progress_bar
     from richmap.counterparts.rm4d import build_rm4d
 
-    with _pool(workers) as pool, progress_bar(console) as progress:
+    with worker_pool(workers) as pool, progress_bar(console) as progress:
         task = progress.add_task(f"RM4D of {robot.name}", total=asked.samples)
         return build_rm4d(robot, asked, pool, lambda done: progress.update(task, completed=done))
-
-
-def _pool(workers: int):
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
-    from richmap.worker import start_worker
-
-    return ProcessPoolExecutor(workers, get_context("spawn"), initializer=start_worker)

@@ -95,15 +95,13 @@ def demonstrated_path(task: "Task", episodes: int, console: "Console") -> "np.nd
 
 def play_all(chunks: list[tuple[ArmOracle, tuple[int, ...]]], workers: int) -> Iterator[list[Any]]:
     """Outcomes of each chunk, in their order, from worker processes; one worker is this process."""
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
 
-    from richmap.worker import start_worker
+    from richmap.worker import worker_pool
 
     if min(workers, len(chunks)) <= 1:
         yield from map(play_chunk, chunks)
         return
-    with ProcessPoolExecutor(workers, get_context("spawn"), initializer=start_worker) as pool:
+    with worker_pool(workers) as pool:
         yield from pool.map(play_chunk, chunks)
 
 

@@ -1,12 +1,10 @@
 """Rolling a policy out: batches of one fixed shape, an episode always in the same row of its batch."""
 
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from functools import lru_cache
 from io import StringIO
-from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +16,7 @@ from benchmark.episodes.arm import arm_of
 from benchmark.episodes.table import Condition, Episode
 from benchmark.rollouts.guidance_class import GuidanceClass
 from envs.task import Task
-from richmap.worker import start_worker
+from richmap.worker import worker_pool
 
 if TYPE_CHECKING:
     import torch
@@ -69,7 +67,7 @@ def roll_out_all(jobs: Iterable[tuple[Rollout, Iterable[int]]], workers: int) ->
         torch.set_num_threads(1)  # As in a worker process.
         yield from map(play, [rollout for rollout, _ in batches], batches.values())
         return
-    with ProcessPoolExecutor(workers, get_context("spawn"), initializer=start_worker) as pool:
+    with worker_pool(workers) as pool:
         yield from pool.map(play, [rollout for rollout, _ in batches], batches.values())
 
 

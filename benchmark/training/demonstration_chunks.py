@@ -2,8 +2,7 @@
 
 import os
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from concurrent.futures import as_completed
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from benchmark.artifacts.progress import progress_bar
 from benchmark.training.demonstration import Demonstration, demonstrate, pack, source_env, unpack
 from benchmark.training.demonstration_recipe import CollectConfig
-from richmap.worker import start_worker
+from richmap.worker import worker_pool
 
 EPISODES_PER_CHUNK = 5
 """Episodes that are stored at once: what a killed worker loses."""
@@ -23,17 +22,13 @@ def simulate(config: CollectConfig, chunks: Path) -> None:
     done = config.episodes - sum(len(chunk) for chunk in missing)
     with (
         progress_bar() as progress,
-        ProcessPoolExecutor(min(config.workers, len(missing) or 1), get_context("spawn"), start_worker) as pool,
+        worker_pool(min(config.workers, len(missing) or 1)) as pool,
     ):
         task = progress.add_task("Demonstrations", total=config.episodes, completed=done)
         futures = {pool.submit(_simulate_chunk, config, chunk, chunks): len(chunk) for chunk in missing}
-        try:
-            for future in as_completed(futures):
-                future.result()
-                progress.advance(task, futures[future])
-        except BaseException:
-            pool.shutdown(cancel_futures=True)  # Otherwise an error or Ctrl-C would wait for all the chunks.
-            raise
+        for future in as_completed(futures):
+            future.result()
+            progress.advance(task, futures[future])
 
 
 def _simulate_chunk(config: CollectConfig, seeds: range, chunks: Path) -> None:

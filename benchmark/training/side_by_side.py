@@ -1,14 +1,14 @@
 """Several trainings side by side, one process each."""
 
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, wait
+from concurrent.futures import wait
 from multiprocessing import get_context
 from queue import Empty, Queue
 
 from benchmark.artifacts.progress import progress_bar
 from benchmark.training.collection import collect
 from benchmark.training.trainer import TrainConfig, train
-from richmap.worker import start_worker
+from richmap.worker import worker_pool
 
 REPORT_EVERY = 10
 """Steps between two movements of the bar."""
@@ -24,28 +24,23 @@ def train_all(configs: Sequence[TrainConfig], workers: int) -> None:
         return
     for config in missing:
         collect(config.demonstrations)
-    context = get_context("spawn")
     with (
-        context.Manager() as manager,
+        get_context("spawn").Manager() as manager,
         progress_bar() as progress,
-        ProcessPoolExecutor(min(workers, len(missing)), context, start_worker) as pool,
+        worker_pool(min(workers, len(missing))) as pool,
     ):
         reports = manager.Queue()
         bar = progress.add_task(f"Training {len(missing)} policies", total=sum(config.steps for config in missing))
         futures = [pool.submit(_train, config, i, reports) for i, config in enumerate(missing)]
         steps = [0] * len(missing)
-        try:
-            while wait(futures, timeout=0).not_done:
-                try:
-                    i, steps[i] = reports.get(timeout=1)
-                    progress.update(bar, completed=sum(steps))
-                except Empty:
-                    pass
-                for future in wait(futures, timeout=0).done:
-                    future.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)  # Otherwise an error would wait for the other trainings.
-            raise
+        while wait(futures, timeout=0).not_done:
+            try:
+                i, steps[i] = reports.get(timeout=1)
+                progress.update(bar, completed=sum(steps))
+            except Empty:
+                pass
+            for future in wait(futures, timeout=0).done:
+                future.result()
 
 
 def finished(config: TrainConfig) -> bool:
