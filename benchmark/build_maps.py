@@ -11,7 +11,7 @@ from rich.console import Console
 
 from benchmark.artifacts.maps import energy_field, robot_map
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import EnergyConfig, MapConfig, RobotConfig, check_folder, robot_field
+from benchmark.settings.config import EnergyConfig, MapConfig, RobotConfig, check_file, robot_field
 
 if TYPE_CHECKING:
     from richmap.robots.robot import RobotDescription
@@ -35,7 +35,7 @@ class BuildMapsConfig:
     def __post_init__(self) -> None:
         check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
         if self.output is not None:
-            check_folder(str(Path(self.output).parent), "output")
+            check_file(self.output)
 
 
 def main(config: BuildMapsConfig) -> None:

@@ -12,13 +12,13 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.artifacts.outputs import replacing
 from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.sent_rows import nearest, otherwise, refusals
 from benchmark.scoring.ranking import Protocol, protocols_of
 from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.config import FIRST_TEST_SEED, TASK_ARMS, EnergyConfig, MapConfig, RobotConfig, RunConfig
 from benchmark.settings.task import chosen_task
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     from rich.console import Console

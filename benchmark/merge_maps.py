@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import RobotConfig, check_folder, robot_field
+from benchmark.settings.config import RobotConfig, check_file, robot_field
 
 
 @dataclass
@@ -23,7 +23,7 @@ class MergeMapsConfig:
     """File of the merged map."""
 
     def __post_init__(self) -> None:
-        check_folder(str(Path(self.output).parent), "output")
+        check_file(self.output)
 
 
 def main(config: MergeMapsConfig) -> None:

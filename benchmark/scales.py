@@ -5,11 +5,11 @@ python -m benchmark.scales robot=ur3 methods=[paper,feasibility]
 
 from typing import TYPE_CHECKING
 
-from benchmark.artifacts.outputs import replacing
 from benchmark.scoring.scale_table import CHOSEN_FOR, scale_table
 from benchmark.settings.command import run_command
 from benchmark.settings.task import chosen_task
 from benchmark.sweeps.scale_sweep import ScalesConfig, budget, markdown, method_fields, shown, sweep
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     pass

@@ -9,12 +9,12 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from benchmark.artifacts.outputs import replacing
 from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.config import RobotConfig, RunConfig, WandbConfig, check_folder, check_seeds
 from benchmark.settings.recipe import USUAL, check_recipe, policy_name
 from benchmark.training.recipes import MADE_BY
 from benchmark.training.trainer import TrainConfig
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ import safetensors.numpy
 from safetensors import SafetensorError, safe_open
 
 from richmap.file_contents import check_contents
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     from richmap.robots.robot import RobotDescription
@@ -28,16 +28,11 @@ class FileRefusedError(ValueError):
 
 def save_arrays(path: Path, kind: str, version: int, arrays: dict[str, np.ndarray], about: dict[str, str]) -> None:
     """Write arrays and texts to one file that appears whole or not at all and names its own hash."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
-    try:
-        metadata = {"kind": kind, "version": str(version), "sha256": _digest(arrays, about), **about}
+    metadata = {"kind": kind, "version": str(version), "sha256": _digest(arrays, about), **about}
+    with replacing(path) as temporary:
         safetensors.numpy.save_file(arrays, temporary, metadata)
         temporary.chmod(0o644)  # safetensors lets only the owner read.
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 @contextmanager

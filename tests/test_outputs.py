@@ -1,7 +1,8 @@
 import pandas as pd
 import pytest
 
-from benchmark.artifacts.outputs import replacing, store_rows
+from benchmark.artifacts.outputs import store_rows
+from richmap.outputs import replacing
 
 
 def rows(*values):

@@ -13,6 +13,7 @@ from typing import Any
 import platformdirs
 from filelock import FileLock
 
+from benchmark.settings.setting import SettingError
 from richmap.files import FileRefusedError
 
 PACKAGES = ("pin", "coal", "numpy", "scipy", "numba", "torch", "pytorch-kinematics")
@@ -36,17 +37,33 @@ def fingerprint(inputs: dict[str, Any], code: list[ModuleType]) -> str:
 def cached[Value](path: str, load: Callable[[Path], Value], make: Callable[[], Value]) -> tuple[Value, Path]:
     """The value of a file in the cache folder, made first if it is not there or cannot be read.
 
-    A value must have `save(path)`. Two processes that want the same file make it once.
+    A value must have `save(path)`. Two processes that want the same file make it once. A cache that cannot be written
+    to, as in somebody else's home, is read.
+
+    Raises:
+        SettingError: If such a one lacks the file.
     """
     file = Path(platformdirs.user_cache_dir("richmap")) / path
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with FileLock(f"{file}.lock"):
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(f"{file}.lock")
+        lock.acquire()
+    except OSError as error:
         try:
             return load(file), file
-        except (FileNotFoundError, FileRefusedError):
-            value = make()
-            value.save(file)
-            return value, file
+        except (OSError, FileRefusedError):
+            raise SettingError(
+                f"{file.name} is not in the cache, and {file.parent} cannot be written to ({error.strerror}). Choose "
+                "another folder for the cache: XDG_CACHE_HOME=/some/folder before the command."
+            ) from error
+    try:
+        return load(file), file
+    except (FileNotFoundError, FileRefusedError):
+        value = make()
+        value.save(file)
+        return value, file
+    finally:
+        lock.release()
 
 
 def seconds(file: Path) -> float:

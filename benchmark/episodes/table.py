@@ -13,10 +13,10 @@ from filelock import FileLock
 from pyarrow import ArrowInvalid
 from pyarrow.parquet import read_schema
 
-from benchmark.artifacts.outputs import replacing
 from benchmark.episodes.arm import ARM
 from benchmark.settings.command import SettingError
 from envs.block_push.outcome import EpisodeOutcome
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.artifacts.outputs import replacing
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.config import MapConfig, RobotConfig, check_folder, robot_field
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     import numpy as np

@@ -10,10 +10,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from benchmark.artifacts.outputs import replacing, store_rows
+from benchmark.artifacts.outputs import store_rows
 from benchmark.map_quality.verified_maps import VerifiedMap
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.config import MapConfig, RobotConfig, check_folder, robot_field
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     import pandas as pd

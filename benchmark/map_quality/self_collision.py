@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.artifacts.outputs import replacing
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.config import TASK_ARMS
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     import mujoco

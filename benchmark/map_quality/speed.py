@@ -13,9 +13,10 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from benchmark.artifacts.maps import robot_map
-from benchmark.artifacts.outputs import replacing, store_rows
+from benchmark.artifacts.outputs import store_rows
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.config import MapConfig, check_folder
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     import numpy as np

@@ -8,10 +8,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.artifacts.outputs import replacing, store_rows
+from benchmark.artifacts.outputs import store_rows
 from benchmark.map_quality.verified_maps import MAPS, VerifiedMap
 from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.config import VerifyMapsConfig
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     import numpy as np

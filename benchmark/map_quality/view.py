@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.artifacts.outputs import replacing
 from benchmark.map_quality.pictures import half_filled_cell
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import SOURCE, MapConfig, RobotConfig, check_folder, robot_field
+from benchmark.settings.config import SOURCE, MapConfig, RobotConfig, check_file, robot_field
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     import trimesh
@@ -54,7 +54,7 @@ class ViewConfig:
         check_setting(self.save == "" or self.save.endswith(".html"), "save", self.save, "a file name ending in .html")
         check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
         if self.save:
-            check_folder(str(Path(self.save).parent))
+            check_file(self.save, "save")
 
 
 def main(config: ViewConfig) -> None:

@@ -9,9 +9,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.artifacts.outputs import replacing
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import EnergyConfig, MapConfig, RunConfig
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     from benchmark.rollouts.rollout import Rollout

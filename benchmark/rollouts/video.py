@@ -4,7 +4,7 @@ from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.artifacts.outputs import replacing
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     import gymnasium

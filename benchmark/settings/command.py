@@ -5,31 +5,27 @@ import signal
 import sys
 from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
-from pathlib import Path
 from typing import NoReturn
 
 import hydra
-from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException, MissingConfigException
 from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
+from benchmark.settings.composition import CONF, file_groups, register
+from benchmark.settings.help import help_text
 from benchmark.settings.overrides import checked, split
 from benchmark.settings.setting import (
     Setting,
     SettingError,
-    as_typed,
     check_setting,
-    choices_of,
     settings_of,
-    typed,
 )
+from benchmark.settings.typed import typed
 
 __all__ = ["CONF", "SettingError", "check_setting", "file_groups", "register", "run_command", "typed"]
-
-CONF = Path(__file__).parents[2] / "conf"
 
 COMPLETION = """\
 _complete_benchmark() {
@@ -78,8 +74,6 @@ def run_command[Config](
         known = settings_of(schema) | dict.fromkeys(file_groups(name), Setting("", None))
         overrides = checked(overrides, known, module, sweeps) if not _completes(flags) else overrides
         if not {"-h", "--help"}.isdisjoint(flags):
-            from benchmark.settings.help import help_text
-
             print(help_text(main, schema, name, module, overrides))
         elif _completes(flags) and overrides == ["install=bash"]:
             print(COMPLETION)
@@ -107,29 +101,6 @@ def run_command[Config](
         _end(143 if isinstance(error, _Terminated) else 130, f"Interrupted. {GONE_ON}")
 
 
-def register(schema: type, name: str) -> None:
-    """Tell Hydra of a command's schema, of what its groups can be, and, if no file does, how it is composed."""
-    store, plain, choices = ConfigStore.instance(), as_typed(schema), choices_of(schema)
-    for group, values in choices.items():
-        for value in values:
-            store.store(group=group, name=value, node={"name": value})
-    store.store(f"{name}_schema", plain)
-    if not (CONF / f"{name}.yaml").exists():
-        chosen = [{group: plain[group]["name"]} for group in choices]
-        store.store(name, {"defaults": [f"{name}_schema", "quiet", *chosen, "_self_"]})
-
-
-def file_groups(name: str) -> list[str]:
-    """The groups of files in `conf/` of which a command takes none by default."""
-    file = CONF / f"{name}.yaml"
-    if not file.exists():
-        return []
-    from omegaconf import OmegaConf
-
-    defaults = [entry for entry in OmegaConf.load(file).defaults if not isinstance(entry, str)]
-    return [group for entry in defaults for group in entry if entry[group] is None]
-
-
 def _run[Config](
     main: Callable[[Config], None], job: Callable[[DictConfig], None] | None, schema: type[Config], name: str
 ) -> None:
@@ -148,6 +119,10 @@ def _run[Config](
         hydra.main(version_base="1.3", config_path=str(CONF), config_name=name)(enter)()
     except _Raised as raised:
         raise raised.__cause__ from None
+    except HydraException:
+        raise
+    except OSError as error:
+        raise SettingError(f"hydra.run.dir or hydra.sweep.dir: {error.strerror}: {error.filename}.") from error
 
 
 class _Raised(BaseException):

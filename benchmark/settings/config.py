@@ -6,8 +6,10 @@ import re
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
 
+from benchmark.settings.limits import check_memory
 from benchmark.settings.recipe import USUAL, check_recipe
 from benchmark.settings.setting import SettingError, check_setting
 from benchmark.settings.task import chosen_task
@@ -121,9 +123,16 @@ class MapConfig:
         check_setting(self.seed >= 0, "map.seed", self.seed, "a whole number >= 0")
         check_setting(0 < self.stop_rate < 1, "map.stop_rate", self.stop_rate, "a number between 0 and 1")
         check_setting(self.target >= 0, "map.target", self.target, "a whole number >= 0")
+        check_memory("map.target", self.target, self.target * 40 / 1e9)
         check_setting(self.device in ("cpu", "cuda"), "map.device", self.device, "cpu, cuda")
         check_setting(self.draw >= 1, "map.draw", self.draw, "a whole number >= 1")
         check_setting(self.turns.bit_count() == 1 <= self.turns, "map.turns", self.turns, "a power of two")
+        check_memory("map.draw", self.draw, self.draw * 1e-5)
+        check_memory("map.turns", self.turns, self.draw * self.turns * 5e-7)
+        cells, bins = (2 * half_width / self.cell_size) ** 3, 24 / self.theta**2
+        check_memory("map.cell_size", self.cell_size, cells * bins * 8 * 0.3 / 1e9)  # A third of the cells hold any.
+        if self.ground is not None:
+            check_setting(-10 <= self.ground <= 0.3, "map.ground", self.ground, "a number from -10 to 0.3, or null")
 
 
 @dataclass(unsafe_hash=True)
@@ -410,6 +419,20 @@ def check_seeds(first: int, count: int) -> None:
 
 def check_folder(folder: str, setting: str = "output_dir") -> None:
     """Raise `SettingError` unless the folder, or the one to make it in, can be written to."""
+    check_setting(bool(folder), setting, folder, "the name of a folder")
     existing = next(path for path in [Path(folder), *Path(folder).absolute().parents] if path.exists())
-    usable = existing.is_dir() and os.access(existing, os.W_OK)
-    check_setting(usable, setting, folder, f"a folder that can be written to; {existing} cannot")
+    allowed = f"a folder that can be written to; {existing} cannot. Choose another: {setting}=/some/folder"
+    check_setting(existing.is_dir() and os.access(existing, os.W_OK), setting, folder, allowed)
+    try:
+        TemporaryFile(dir=existing).close()  # /proc and /sys say that they can be written to.
+    except OSError as error:
+        raise SettingError(f"{setting}={folder} is not allowed. Allowed: {allowed}.") from error
+
+
+def check_file(file: str, setting: str = "output") -> None:
+    """Raise `SettingError` unless a file of this name can be written: what is there and is no regular file stays."""
+    path = Path(file)
+    check_setting(bool(file) and bool(path.name), setting, file, "the name of a file")
+    regular = path.is_file() or not (path.exists() or path.is_symlink())
+    check_setting(regular, setting, file, f"a new file, or one to replace; {file} is there, and no regular file")
+    check_folder(str(path.parent), setting)

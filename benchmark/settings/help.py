@@ -9,7 +9,7 @@ from pathlib import Path
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
-from benchmark.settings.command import CONF, file_groups
+from benchmark.settings.composition import CONF, file_groups
 from benchmark.settings.setting import choices_of, settings_of
 
 WIDTH = 79

@@ -5,11 +5,9 @@ import inspect
 import re
 import textwrap
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
-from functools import reduce
 from typing import Any, get_args, get_origin
 
-from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf import OmegaConf
 
 PYTHON_NAME = {"lambda": "guidance_scale"}
 """Settings whose name cannot be a field in Python."""
@@ -63,25 +61,6 @@ def choices_of(schema: type) -> dict[str, tuple[str, ...]]:
     return {field.name: tuple(field.metadata["choices"]) for field in fields(schema) if "choices" in field.metadata}
 
 
-def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
-    """The composed settings as an object of the schema.
-
-    Raises:
-        SettingError: If one has a value that it cannot have.
-    """
-    try:
-        values = {PYTHON_NAME.get(str(key), str(key)): value for key, value in config.items()}
-        return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(schema), values))
-    except OmegaConfBaseException as error:
-        known, key = settings_of(schema), TYPED_NAME.get(str(error.full_key), str(error.full_key))
-        if key not in known:
-            raise SettingError(f"{key}: {' '.join(str(error.msg or error).split())}") from error
-        raw = OmegaConf.to_container(config, resolve=False)
-        value = reduce(lambda node, part: node[part], key.split("."), raw)
-        shown = "null" if value is None else value
-        raise SettingError(f"{key}={shown} is not allowed. {key}: {_short(known[key].text)}") from error
-
-
 def as_typed(schema: type) -> dict[str, Any]:
     """The schema's defaults as plain values under the names that people type."""
     plain = OmegaConf.to_container(OmegaConf.structured(schema))
@@ -99,7 +78,7 @@ def _docstrings(schema: type) -> dict[str, str]:
     return texts
 
 
-def _short(text: str) -> str:
+def short(text: str) -> str:
     """A description that fits into an error."""
     if len(text) <= 160:
         return text

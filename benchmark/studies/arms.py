@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.artifacts.outputs import replacing
 from benchmark.episodes.arm import arm_columns, of_arm
 from benchmark.rollouts.arm_oracle import CHUNK, ArmOracle, play_all
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.config import FIRST_TEST_SEED, ORACLES, SETTINGS, check_folder, check_seeds, check_targets
 from envs.block_push.task import BLOCK_PUSH
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     import pandas as pd

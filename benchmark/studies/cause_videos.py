@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmark.artifacts.outputs import replacing
 from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.config import ORACLE_METHODS, TASK_ARMS, RunConfig, check_folder
 from benchmark.settings.recipe import RECIPES
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

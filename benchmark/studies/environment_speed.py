@@ -16,9 +16,10 @@ from pstats import Stats
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING
 
-from benchmark.artifacts.outputs import replacing, store_rows
+from benchmark.artifacts.outputs import store_rows
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.config import TASK_ARMS, RobotConfig, RunConfig, check_folder, check_seeds
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     import gymnasium

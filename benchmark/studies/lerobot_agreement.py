@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from benchmark.artifacts.known_policies import chosen_checkpoint
-from benchmark.artifacts.outputs import replacing, store_rows
+from benchmark.artifacts.outputs import store_rows
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.missing_episodes import run_and_store
 from benchmark.settings.command import check_setting, run_command
@@ -32,6 +32,7 @@ from benchmark.settings.config import (
     check_seeds,
     robot_field,
 )
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     import pandas as pd

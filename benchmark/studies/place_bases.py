@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.artifacts.outputs import replacing
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.config import MapConfig, check_folder, check_targets
 from envs.block_push.task import BLOCK_PUSH
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

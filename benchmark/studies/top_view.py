@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.artifacts.outputs import replacing
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.config import SETTINGS, SOURCE, TASK_ARMS, EnergyConfig, MapConfig, check_targets
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -22,7 +22,8 @@ from omegaconf import DictConfig
 
 from benchmark.settings.config import SOURCE, RunConfig
 from benchmark.settings.recipe import policy_name
-from benchmark.settings.setting import SettingError, typed
+from benchmark.settings.setting import SettingError
+from benchmark.settings.typed import typed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -91,7 +92,7 @@ def _rolled_out(job: RunConfig, workers: int, sweep: Path) -> "pd.DataFrame":
 
 def _write(folder: Path, number: int, record: JobRecord, rows: "pd.DataFrame | None") -> None:
     """Write what became of a job, and say it in a line."""
-    from benchmark.artifacts.outputs import replacing
+    from richmap.outputs import replacing
 
     if rows is not None:
         with replacing(folder / f"{number}.parquet") as path:

@@ -16,8 +16,9 @@ from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
 from benchmark.settings.config import WandbConfig
-from benchmark.settings.setting import SettingError, typed
+from benchmark.settings.setting import SettingError
 from benchmark.settings.task import chosen_task
+from benchmark.settings.typed import typed
 from benchmark.sweeps.job import JobRecord
 
 MOST_FAILED = 20

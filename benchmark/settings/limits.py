@@ -1,0 +1,85 @@
+"""What no command takes: numbers that would cost more than a machine has, empty lists, texts that can be no path."""
+
+import math
+import os
+import resource
+from collections.abc import Mapping
+from typing import Any
+
+from benchmark.settings.setting import Setting, SettingError, check_setting
+
+GB = 1e9
+
+WORKER_GB = 0.5
+"""Memory of a process that rolls out or samples, in [GB]."""
+
+EPISODE_SECONDS = 0.3
+"""About what an episode takes on one core."""
+
+SLOT_GB = 0.02
+"""Memory of one environment, in [GB]."""
+
+MOST_EPISODES, MOST_SLOTS, MOST_BATCH, MOST_LAMBDA = 1_000_000, 1000, 65_536, 10_000
+
+
+def check_limits(values: Mapping[str, Any], settings: Mapping[str, Setting]) -> None:
+    """Refuse what would only harm.
+
+    Args:
+        values: By the settings' names on the command line.
+        settings: Of the command.
+
+    Raises:
+        SettingError: With what it would cost, where it is a cost.
+    """
+    for name, value in values.items():
+        if isinstance(value, str):
+            check_setting(value.isprintable(), name, repr(value), "a text of printed characters")
+        elif isinstance(value, list) and name in settings:
+            _check_list(name, value, settings[name].default)
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            _check_number(name, value)
+
+
+def _check_list(name: str, values: list, default: list | None) -> None:
+    shown = f"[{','.join(map(str, values))}]"
+    check_setting(bool(values) or not default, name, shown, "one value or more")
+    if name not in COORDINATES:
+        check_setting(len({*map(str, values)}) == len(values), name, shown, "each value once")
+
+
+COORDINATES = ("arm.base", "cell")
+"""Lists in which a value may come twice."""
+
+
+def _check_number(name: str, value: float) -> None:
+    cores = os.cpu_count() or 1
+    most, cost = {
+        "workers": (max(16, 4 * cores), f"of {WORKER_GB:g} GB each on {cores} cores: {value * WORKER_GB:,.0f} GB"),
+        "threads": (max(16, 4 * cores), f"on {cores} cores"),
+        "slots": (MOST_SLOTS, f"of {1000 * SLOT_GB:g} MB each: {value * SLOT_GB:,.0f} GB"),
+        "episodes": (MOST_EPISODES, f"of {EPISODE_SECONDS:g} s each: {value * EPISODE_SECONDS / 86400:,.0f} days"),
+        "batch_size": (MOST_BATCH, f"rows at once: {value * 4e-5:,.0f} GB"),
+        "lambda": (MOST_LAMBDA, "is beyond every unit that a scale has"),
+    }.get(name, (math.inf, ""))
+    if value > most:
+        raise SettingError(f"{name}={value:g} is not allowed: {cost}. Allowed: up to {most}.")
+
+
+def memory() -> float:
+    """What a process may take of this machine's memory, in [GB]."""
+    limits = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"), resource.getrlimit(resource.RLIMIT_AS)[0]]
+    return min(limit for limit in limits if limit > 0) / GB
+
+
+def check_memory(name: str, value: Any, gigabytes: float) -> None:
+    """Refuse what needs more memory than there is.
+
+    Raises:
+        SettingError: With both.
+    """
+    if not gigabytes <= memory():
+        raise SettingError(
+            f"{name}={value} is not allowed: it takes about {gigabytes:,.0f} GB of memory, and this machine has "
+            f"{memory():,.0f}."
+        )

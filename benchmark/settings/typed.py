@@ -1,0 +1,40 @@
+"""The composed settings as an object of their schema."""
+
+from functools import reduce
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from benchmark.settings.limits import check_limits
+from benchmark.settings.setting import PYTHON_NAME, TYPED_NAME, SettingError, settings_of, short
+
+
+def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
+    """The composed settings as an object of the schema.
+
+    Raises:
+        SettingError: If one has a value that it cannot have.
+    """
+    try:
+        values = {PYTHON_NAME.get(str(key), str(key)): value for key, value in config.items()}
+        merged = OmegaConf.merge(OmegaConf.structured(schema), values)
+        check_limits(_flat(OmegaConf.to_container(merged, resolve=True)), settings_of(schema))
+        return OmegaConf.to_object(merged)
+    except OmegaConfBaseException as error:
+        known, key = settings_of(schema), TYPED_NAME.get(str(error.full_key), str(error.full_key))
+        if key not in known:
+            raise SettingError(f"{key}: {' '.join(str(error.msg or error).split())}") from error
+        raw = OmegaConf.to_container(config, resolve=False)
+        value = reduce(lambda node, part: node[part], key.split("."), raw)
+        shown = "null" if value is None else value
+        raise SettingError(f"{key}={shown} is not allowed. {key}: {short(known[key].text)}") from error
+
+
+def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested values by their names on the command line."""
+    flat = {}
+    for key, value in values.items():
+        name = prefix + TYPED_NAME.get(str(key), str(key))
+        flat |= _flat(value, f"{name}.") if isinstance(value, dict) else {name: value}
+    return flat
