@@ -14,6 +14,7 @@ from policies.guidance import Guidance
 from policies.guidance_methods import make_guidance
 from policies.guided_diffusion import GuidedDiffusion
 from policies.weight_average import WeightAverage
+from policies.weights_hash import check_hashes, write_hashes
 from richmap.similarity.load_field import load_field
 
 
@@ -66,3 +67,11 @@ class GuidedPushPolicy(DiffusionPolicy):
         if state_dict is None and self.average is not None:
             state_dict = {**self.state_dict(), **self.average.weights}
         super()._save_pretrained(save_directory, state_dict=state_dict)
+        write_hashes(Path(save_directory))
+
+    @classmethod
+    def _load_as_safetensor(
+        cls, model: "GuidedPushPolicy", model_file: str, map_location: str, strict: bool
+    ) -> "GuidedPushPolicy":
+        check_hashes(Path(model_file).parent)
+        return super()._load_as_safetensor(model, model_file, map_location, strict)

@@ -3,11 +3,12 @@
 import hashlib
 import json
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from benchmark.settings.command import SettingError
+from benchmark.artifacts.checkpoint_files import CONFIG, TRAINING, WEIGHTS, check_files, read_json
+from policies.weights_hash import sha256_of
 
 GUIDED = "guided_push"
 """LeRobot's name of our type of policy."""
@@ -27,24 +28,10 @@ class Checkpoint:
         """The checkpoint in a folder.
 
         Raises:
-            SettingError: If there is none.
+            SettingError: If there is none, or its files are damaged or ask for what is not run here (`check_files`).
         """
         folder = Path(path)
-        missing = [name for name in ("config.json", "model.safetensors") if not (folder / name).is_file()]
-        if missing:
-            raise SettingError(
-                f"policy={path} is no LeRobot checkpoint: it lacks {' and '.join(missing)}. "
-                f"Give the folder that they are in, such as outputs/train/act/checkpoints/last/pretrained_model."
-            )
-        try:
-            kind = json.loads((folder / "config.json").read_text())["type"]
-        except (ValueError, TypeError, KeyError) as error:
-            raise SettingError(
-                f"policy={path}: its config.json is not LeRobot's of a policy, which names its type. "
-                f"{type(error).__name__}: {error}"
-            ) from error
-        if not isinstance(kind, str):
-            raise SettingError(f"policy={path}: its config.json has type={kind!r}. LeRobot writes a name, such as act.")
+        check_files(folder)
         return cls(folder)
 
     @property
@@ -70,14 +57,14 @@ class Checkpoint:
         That is a setting that it was not trained with, such as another `n_action_steps` written into its config.json,
         and the statistics that its processors normalize by, if they are not among the weights.
         """
-        weights, *processors = [self.folder / "model.safetensors", *sorted(self.folder.glob("policy_*.safetensors"))]
+        weights, *processors = [self.folder / WEIGHTS, *sorted(self.folder.glob("policy_*.safetensors"))]
         trained = self._training.get("policy", {})
         decides = {name: value for name, value in self._config.items() if name not in WHERE}
         changed = {name: value for name, value in decides.items() if trained.get(name, ...) != value}
-        digest = _sha256(weights, weights.stat().st_mtime_ns)
+        digest = sha256_of(weights)
         if not (changed or processors):
             return digest
-        parts = [digest, *(_sha256(file, file.stat().st_mtime_ns) for file in processors), changed]
+        parts = [digest, *map(sha256_of, processors), changed]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
     @property
@@ -94,15 +81,9 @@ class Checkpoint:
 
     @cached_property
     def _config(self) -> dict[str, Any]:
-        return json.loads((self.folder / "config.json").read_text())
+        return read_json(self.folder / CONFIG)
 
     @cached_property
     def _training(self) -> dict[str, Any]:
-        file = self.folder / "train_config.json"
-        return json.loads(file.read_text()) if file.exists() else {}
-
-
-@cache
-def _sha256(file: Path, changed: int) -> str:
-    """Of a file that was last changed then, in [ns]."""
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+        file = self.folder / TRAINING
+        return read_json(file) if file.exists() else {}

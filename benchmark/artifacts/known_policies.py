@@ -42,7 +42,7 @@ def checkpoint_folder(seed: int, rank: int = 1, recipe: str = USUAL) -> Path:
     for root in CHECKPOINTS:
         folder = root / policy_name(recipe, seed, rank)
         if (folder / "model.safetensors").exists():
-            return folder
+            return Checkpoint.from_path(str(folder)).folder
     there = {folder.name for root in CHECKPOINTS for folder in policies_in(root, recipe)}
     raise SettingError(
         f"recipe={recipe} seed={seed} checkpoint={rank} is not there. Trained: {', '.join(sorted(there)) or 'none'}. "

@@ -1,10 +1,8 @@
 """Rolling a policy out: batches of one fixed shape, an episode always in the same row of its batch."""
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import redirect_stdout
 from dataclasses import dataclass
 from functools import lru_cache
-from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +13,7 @@ from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
 from benchmark.episodes.arm import arm_of
 from benchmark.episodes.table import Condition, Episode
 from benchmark.rollouts.guidance_class import GuidanceClass
+from benchmark.settings.command import SettingError
 from envs.task import Task
 from richmap.worker import worker_pool
 
@@ -103,6 +102,7 @@ def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], No
     while active:
         seen = {name: torch.tensor(value, device=rollout.condition.device) for name, value in batch.items()}
         actions = _actions(policy, seen, [seed_of.get(slot, 0) for slot in range(shape)], step)
+        _check_actions(actions[active], rollout)
         over = set()
         for slot in active:
             observation, _, terminated, truncated, info = environments[slot].step(actions[slot])
@@ -129,18 +129,23 @@ def _actions(
         return policy.select_action(batch, noise=noise.to(policy.config.device)).cpu().numpy()
 
 
+def _check_actions(actions: np.ndarray, rollout: Rollout) -> None:
+    """Refuse actions that no environment takes, by the policy's name."""
+    if not np.isfinite(actions).all():
+        raise SettingError(f"policy={rollout.checkpoint} gives actions that are no numbers. Train it again.")
+
+
 @lru_cache(maxsize=1)
 def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
     """The policy of a rollout, guided as its condition says, on the condition's device."""
-    from lerobot.configs import PreTrainedConfig
-
-    import policies.modeling_guided_push as modeling
+    import policies.configuration_guided_push  # noqa: F401, registers our type
+    from benchmark.rollouts.checked_policy import checked_config, checked_policy
 
     if Checkpoint(rollout.checkpoint).type != GUIDED:
         from benchmark.rollouts.stock_policy import StockPolicy
 
         return StockPolicy(rollout.checkpoint, rollout.condition.device, _shapes(rollout.task))
-    config = PreTrainedConfig.from_pretrained(rollout.checkpoint)
+    config = checked_config(rollout.checkpoint)
     config.device = rollout.condition.device
     if rollout.guidance is None:
         config.guidance, config.guidance_scale = rollout.condition.method, rollout.condition.guidance_scale
@@ -149,8 +154,7 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
     config.energy_field = None if rollout.field is None else str(rollout.field)
     config.noise_scheduler_type = rollout.condition.sampler
     config.num_inference_steps = rollout.condition.sampling_steps
-    with redirect_stdout(StringIO()):  # LeRobot says that it loads weights.
-        policy = modeling.GuidedPushPolicy.from_pretrained(rollout.checkpoint, config=config)
+    policy = checked_policy(rollout.checkpoint, config)
     if rollout.guidance is not None:
         policy.guidance = rollout.guidance.make(
             rollout.condition.guidance_scale, rollout.field, config.guidance_base, config.guidance_seed

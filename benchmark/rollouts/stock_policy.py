@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Float
-from lerobot.configs import PreTrainedConfig
-from lerobot.policies import get_policy_class, make_pre_post_processors
+from lerobot.policies import make_pre_post_processors
 from torch import Tensor
 
-from benchmark.settings.command import SettingError
+from benchmark.artifacts.checkpoint_files import check_files
+from benchmark.rollouts.checked_policy import checked_config, checked_policy, loading
 
 
 class StockPolicy:
@@ -24,20 +24,19 @@ class StockPolicy:
         shown: Shapes of what there is to see and to do, by LeRobot's names.
 
     Raises:
-        SettingError: If the policy wants what the environments do not show, such as pictures, or gives other actions.
+        SettingError: If the policy wants what the environments do not show, such as pictures, gives other actions, or
+            has files that cannot be loaded.
     """
 
     def __init__(self, checkpoint: Path, device: str, shown: dict[str, tuple[int, ...]]) -> None:
-        config = PreTrainedConfig.from_pretrained(checkpoint)
+        config = checked_config(checkpoint, shown)
         config.device, config.pretrained_path = device, checkpoint
-        wanted = {name: tuple(x.shape) for name, x in {**config.input_features, **config.output_features}.items()}
-        if wrong := {name: shape for name, shape in wanted.items() if shown.get(name) != shape}:
-            texts = (", ".join(f"{name} {shape}" for name, shape in x.items()) for x in (wrong, shown))
-            raise SettingError("policy={} has {}. Here there are {}.".format(checkpoint, *texts))
-        self.policy = get_policy_class(config.type).from_pretrained(checkpoint, config=config).to(device).eval()
-        self.preprocess, self.postprocess = make_pre_post_processors(
-            config, str(checkpoint), preprocessor_overrides={"device_processor": {"device": device}}
-        )
+        self.policy = checked_policy(checkpoint, config).to(device).eval()
+        check_files(checkpoint)
+        with loading(checkpoint):
+            self.preprocess, self.postprocess = make_pre_post_processors(
+                config, str(checkpoint), preprocessor_overrides={"device_processor": {"device": device}}
+            )
 
     def reset(self) -> None:
         """Start new episodes."""

@@ -1,0 +1,140 @@
+"""Whether the files of a checkpoint, maybe a stranger's, are what LeRobot writes: read without LeRobot, running none.
+
+A processor's file names steps; LeRobot would import any class that it names and call it with what the file says.
+Here only steps that are registered under a name run, of those only the ones below, with the settings that are known.
+"""
+
+import json
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from safetensors import SafetensorError, safe_open
+
+from benchmark.settings.command import SettingError
+from policies.weights_hash import check_hashes
+
+CONFIG, WEIGHTS, TRAINING = "config.json", "model.safetensors", "train_config.json"
+PROCESSORS = ("policy_preprocessor.json", "policy_postprocessor.json")
+
+STEPS = {
+    "rename_observations_processor": {"rename_map"},
+    "to_batch_processor": set(),
+    "device_processor": {"device", "float_dtype"},
+    "normalizer_processor": {"eps", "features", "norm_map", "normalize_observation_keys"},
+    "unnormalizer_processor": {"eps", "features", "norm_map", "normalize_observation_keys"},
+}
+"""Steps of a processor that may run, and what a file may set of each; they open no other file and no connection."""
+
+LARGEST_JSON = 4 << 20
+"""No JSON of a checkpoint is larger, in bytes."""
+LARGEST_NUMBER = 10**7
+"""No number in a policy's config.json is greater; its largest are counts of training steps."""
+MOST_LAYERS = 256
+LAYERS = re.compile("layer|block|ensemble|depth")
+"""Settings that count parts of a network, which are made one by one."""
+
+
+def check_files(folder: Path) -> None:
+    """Check config, weights and processors of a checkpoint's folder.
+
+    Raises:
+        SettingError: If one is damaged, or asks for what is not run here.
+    """
+    missing = [name for name in (CONFIG, WEIGHTS) if not (folder / name).is_file()]
+    if missing:
+        raise SettingError(
+            f"policy={folder} is no LeRobot checkpoint: it lacks {' and '.join(missing)}. "
+            f"Give the folder that they are in, such as outputs/train/act/checkpoints/last/pretrained_model."
+        )
+    _check_config(folder)
+    training = read_json(folder / TRAINING) if (folder / TRAINING).exists() else {}
+    if type(training.get("seed")) not in (int, type(None)) or not isinstance(training.get("policy", {}), dict):
+        raise SettingError(f"policy={folder}: its {TRAINING} is not LeRobot's. Delete it or copy it again.")
+    for name in PROCESSORS:
+        if (folder / name).exists():
+            _check_processor(folder, name)
+    try:
+        with safe_open(folder / WEIGHTS, framework="numpy") as archive:  # refuses what its length does not fit
+            archive.keys()
+        check_hashes(folder)
+    except (SafetensorError, OSError, ValueError) as error:
+        raise SettingError(f"policy={folder}: its weights are damaged. {error}") from error
+
+
+def read_json(file: Path) -> dict[str, Any]:
+    """The object that a file of JSON holds.
+
+    Raises:
+        SettingError: If it holds none.
+    """
+    try:
+        if not file.is_file() or file.stat().st_size > LARGEST_JSON:
+            raise ValueError(f"it is no file of at most {LARGEST_JSON >> 20} MiB")
+        value = json.loads(file.read_text(encoding="utf-8"))
+        if not isinstance(value, dict):
+            raise ValueError(f"it holds a {type(value).__name__}, not an object")
+    except (OSError, ValueError, RecursionError) as error:
+        raise SettingError(f"policy={file.parent}: its {file.name} cannot be read: {error}") from error
+    return value
+
+
+def _check_config(folder: Path) -> None:
+    config = read_json(folder / CONFIG)
+    kind = config.get("type")
+    if not isinstance(kind, str):
+        raise SettingError(f"policy={folder}: its {CONFIG} has type={kind!r}. LeRobot writes a name, such as act.")
+    for name, value in _numbers(config):
+        most = MOST_LAYERS if LAYERS.search(name) else LARGEST_NUMBER
+        if not abs(value) <= most:  # also where it is not a number
+            raise SettingError(f"policy={folder}: its {CONFIG} has {name}={value}. Allowed: numbers up to {most}.")
+    whole = {name: config.get(name) for name in ("num_inference_steps", "num_train_timesteps", "n_action_steps")}
+    texts = {"noise_scheduler_type": config.get("noise_scheduler_type")}
+    scale = {"guidance_scale": config.get("guidance_scale")}
+    for values, kinds in ((whole, (int,)), (texts, (str,)), (scale, (int, float))):
+        for name, value in values.items():
+            if value is not None and type(value) not in kinds:
+                raise SettingError(f"policy={folder}: its {CONFIG} has {name}={value!r}, which is of another type.")
+
+
+def _numbers(value: Any, name: str = "") -> Iterator[tuple[str, int | float]]:
+    """The numbers in a value of JSON, each with the name of the setting that it is in."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        yield name, value if math.isfinite(value) else math.nan
+    elif isinstance(value, dict):
+        for key, each in value.items():
+            yield from _numbers(each, key)
+    elif isinstance(value, list):
+        if len(value) > MOST_LAYERS:
+            yield f"length of {name}", math.nan
+        for each in value:
+            yield from _numbers(each, name)
+
+
+def _check_processor(folder: Path, name: str) -> None:
+    steps = read_json(folder / name).get("steps")
+    if not isinstance(steps, list):
+        raise SettingError(f"policy={folder}: its {name} has no list of steps. LeRobot writes one.")
+    for step in steps:
+        step = step if isinstance(step, dict) else {}
+        known = STEPS.get(step["registry_name"]) if isinstance(step.get("registry_name"), str) else None
+        if known is None:
+            asked = step.get("registry_name") or step.get("class")
+            raise SettingError(
+                f"policy={folder}: its {name} asks for the step {str(asked)[:100]!r}, which is not run here, as it may "
+                f"be any code. Steps that are run: {', '.join(STEPS)}."
+            )
+        settings = step.get("config", {})
+        if not isinstance(settings, dict) or (unknown := sorted(set(settings) - known)):
+            what = f"settings {', '.join(unknown)}" if isinstance(settings, dict) else "no settings that can be read"
+            raise SettingError(f"policy={folder}: its {name} has a step {step['registry_name']} with {what}.")
+        state = step.get("state_file")
+        if state is not None and not (_is_plain(state) and (folder / state).is_file()):
+            raise SettingError(f"policy={folder}: its {name} names a file that is not in the folder: {state!r}.")
+
+
+def _is_plain(name: Any) -> bool:
+    """Whether a name is that of a file of tensors, in no other folder."""
+    return isinstance(name, str) and name == Path(name).name and name.endswith(".safetensors")
