@@ -145,7 +145,7 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
         from benchmark.rollouts.stock_policy import StockPolicy
 
         return StockPolicy(rollout.checkpoint, rollout.condition.device, _shapes(rollout.task))
-    config = checked_config(rollout.checkpoint)
+    config = checked_config(rollout.checkpoint, _shapes(rollout.task))
     config.device = rollout.condition.device
     if rollout.guidance is None:
         config.guidance, config.guidance_scale = rollout.condition.method, rollout.condition.guidance_scale
