@@ -1,5 +1,5 @@
 # `make run` and `make test` set everything up first; a second call starts at once.
-.PHONY: run test check docs test-docs setup clean
+.PHONY: run test quick check-results types check docs test-docs setup clean
 
 UV := .boot/bin/uv
 PYTHON := .venv/bin/python
@@ -8,13 +8,25 @@ PYTEST := OMP_NUM_THREADS=1 $(PYTHON) -m pytest
 run: .venv/.ready
 	$(PYTHON) -m benchmark.run robot=ur3 lambda=0.5
 
+# Everything but the checks of what is committed in results/.
 test: setup
-	$(PYTEST)
+	$(PYTEST) -m "not results"
 
-check: setup
+# Facts and the toy task: no processes, no browser, no shipped policies.
+quick: .venv/.ready
+	$(PYTEST) -m "not system and not results"
+
+# What is committed in results/ and the documents.
+check-results: .venv/.ready
+	$(PYTEST) -m results
+
+types: .venv/.ready
+	.venv/bin/mypy --python-executable $(PYTHON)
+
+check: setup types check-results
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
-	$(PYTEST)
+	$(PYTEST) -m "not results"
 
 # The documents as a site, in outputs/docs; a warning, such as a link that leads nowhere, fails.
 docs: .venv/.ready

@@ -17,6 +17,8 @@ from richmap.motion.collision import self_collision
 from richmap.motion.kinematics import flange_frames
 from richmap.robots.robots import load_robot
 
+pytestmark = pytest.mark.system
+
 GRID = Grid.around_base(cell_size=0.2, half_width=1.0, z_offset=0.2)
 
 

@@ -21,6 +21,8 @@ from benchmark.studies.arms import (
 )
 from envs.arm.arms import arm_setting
 
+pytestmark = pytest.mark.system
+
 
 @pytest.fixture(scope="module")
 def conditions():

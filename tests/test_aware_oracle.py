@@ -13,6 +13,8 @@ from envs.block_push.oracle import run_oracle
 from envs.block_push.outcome import summarize
 from envs.block_push.workspace import WORKSPACE
 
+pytestmark = pytest.mark.system
+
 
 def play(robot, seeds, spacing):
     env = gymnasium.make(ENVIRONMENTS[robot], disable_env_checker=True)

@@ -13,6 +13,8 @@ from envs.block_push.scene import draw_scene
 from envs.block_push.workspace import WORKSPACE
 from tests.egl import has_egl, needs_egl
 
+pytestmark = pytest.mark.system
+
 
 def make(robot="xarm6", **arguments):
     return gymnasium.make(ENVIRONMENTS[robot], disable_env_checker=True, **arguments)

@@ -12,6 +12,8 @@ from benchmark.settings.config import EnergyConfig, MapConfig, RobotConfig
 from richmap.maps.reachability_map import ReachabilityMap
 from richmap.robots.robots import load_robot
 
+pytestmark = pytest.mark.system
+
 COMMON_BASE = (0.0, 0.0, 0.0)
 COARSE = MapConfig(cell_size=0.2, theta=0.3, draw=200, turns=16, stop_rate=0.2)
 

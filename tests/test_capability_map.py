@@ -19,6 +19,8 @@ from richmap.geometry.rotations import capacity_bound_so3, quaternions_of, rotat
 from richmap.motion.kinematics import flange_frames
 from richmap.robots.robots import load_robot
 
+pytestmark = pytest.mark.system
+
 THETA = 0.6
 CUBE = Grid((-0.1, -0.1, -0.1), 0.1, (2, 2, 2))
 GRID = Grid.around_base(cell_size=0.25, half_width=1.0, z_offset=0.2)

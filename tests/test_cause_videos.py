@@ -18,6 +18,8 @@ from benchmark.studies.cause_videos import CauseVideosConfig, examples, main, ma
 from tests.egl import needs_egl
 from tests.made_up_episodes import CONDITION, episode
 
+pytestmark = pytest.mark.system
+
 SEED = 50_015
 """A block lies where the UR3 cannot push it."""
 

@@ -14,9 +14,12 @@ from envs import ENVIRONMENTS
 from policies.modeling_guided_push import GuidedPushPolicy
 from policies.noise import episode_noise
 
+pytestmark = pytest.mark.system
+
 CHECKPOINTS = sorted((Path(__file__).parents[1] / "results" / "checkpoints").glob("*seed*-*"))
 
 
+@pytest.mark.results
 @pytest.mark.parametrize("checkpoint", CHECKPOINTS, ids=lambda path: path.name)
 def test_a_shipped_policy_places_both_blocks(checkpoint):
     policy = GuidedPushPolicy.from_pretrained(checkpoint)
@@ -36,6 +39,7 @@ def test_a_shipped_policy_places_both_blocks(checkpoint):
     assert info["p2"]
 
 
+@pytest.mark.results
 @pytest.mark.parametrize("checkpoint", CHECKPOINTS, ids=lambda path: path.name)
 def test_nine_of_a_checkpoint_fit_in_40_mb(checkpoint):
     assert 9 * sum(file.stat().st_size for file in checkpoint.iterdir()) < 40e6

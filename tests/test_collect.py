@@ -14,6 +14,8 @@ from benchmark.training.demonstration_recipe import CollectConfig
 from envs.block_push.oracle import Oracle
 from envs.block_push.scene import START, Scene
 
+pytestmark = pytest.mark.system
+
 KINDS = ("clean", "noise", "bursts", "wide", "crowded")
 
 

@@ -8,6 +8,8 @@ import pytest
 from envs import ENVIRONMENTS
 from envs.arm.collision_bounds import PADDING
 
+pytestmark = pytest.mark.system
+
 
 def make(robot, tight=True, **arm):
     with pytest.MonkeyPatch.context() as patch:

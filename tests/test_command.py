@@ -14,6 +14,8 @@ from benchmark.settings import command
 from benchmark.settings.config import RunConfig
 from benchmark.settings.replay_config import ReplayConfig
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).parents[1]
 BAD = {
     "robot=ur7": "robot=ur7 is not allowed. Allowed: ",

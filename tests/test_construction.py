@@ -16,6 +16,8 @@ from richmap.motion.kinematics import flange_frames
 from richmap.motion.sampling import sample_workspace
 from richmap.robots.robots import load_robot
 
+pytestmark = pytest.mark.system
+
 GRID = Grid.around_base(cell_size=0.2, half_width=1.0, z_offset=0.2)
 ROBOT = load_robot("xarm6")
 PANDA = load_robot("panda")

@@ -5,9 +5,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from benchmark.dashboard import workspace
 from envs.block_push.failure import CAUSES
 from envs.block_push.task import BLOCK_PUSH
+
+pytestmark = pytest.mark.system
 
 ROOT = Path(__file__).parents[1]
 

@@ -29,6 +29,8 @@ from envs.block_push.outcome import EpisodeOutcome
 from envs.block_push.scene import draw_scene
 from envs.block_push.task import BLOCK_PUSH
 
+pytestmark = pytest.mark.system
+
 PAPER, STRICT = protocols_of(BLOCK_PUSH)
 ROOT = Path(__file__).parents[1]
 SEEDS = [100_000, 100_001, 100_002]

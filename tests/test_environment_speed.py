@@ -18,6 +18,8 @@ from benchmark.studies.environment_speed import (
 )
 from envs import ENVIRONMENTS
 
+pytestmark = pytest.mark.system
+
 
 def test_bare_physics_plays_the_same_episode():
     """It says so itself where it does not; and a step of the environment holds one of bare physics."""

@@ -22,6 +22,8 @@ from richmap.geometry.grid import Grid
 from richmap.similarity.energy import EnergyField
 from tests.egl import needs_egl
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).parents[1]
 
 

@@ -16,6 +16,8 @@ from benchmark.settings.config import RobotConfig, RunConfig
 from envs.block_push.pushing import push
 from richmap.similarity.signed_distance import SignedDistanceField
 
+pytestmark = pytest.mark.system
+
 FOLDER = Path(__file__).parents[1] / "benchmark" / "entries" / "hand_over"
 OUTER = 0.55
 NEAR, FAR, BESIDE = (0.35, -0.2, 1.6), (0.5, -0.22, 1.6), (0.3, -0.4)

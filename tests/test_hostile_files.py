@@ -13,6 +13,8 @@ from richmap.maps.reachability_map import ReachabilityMap
 from richmap.robots.robots import load_robot
 from richmap.similarity.energy import EnergyField
 
+pytestmark = pytest.mark.system
+
 PANDA = load_robot("panda")
 GRID = Grid((-0.8, -0.8, -0.6), 0.4, (4, 4, 5))
 

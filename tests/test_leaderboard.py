@@ -24,6 +24,8 @@ from benchmark.settings.config import FIRST_TEST_SEED, TASK_ARMS, RunConfig
 from benchmark.settings.recipe import RECIPES, USUAL, recipe_folder
 from envs.block_push.task import BLOCK_PUSH
 
+pytestmark = pytest.mark.system
+
 PAPER, STRICT = PROTOCOLS = protocols_of(BLOCK_PUSH)
 leaderboard = partial(ranking.leaderboard, task=BLOCK_PUSH)
 with_oracles = partial(oracle_scores.with_oracles, task=BLOCK_PUSH)
@@ -285,6 +287,7 @@ def test_what_is_run_by_a_protocol_is_what_counts(protocol):
     assert given.setting in protocol.settings and given.get("slots", RunConfig().slots) == protocol.slots
 
 
+@pytest.mark.results
 @pytest.mark.parametrize("recipe", ["robust", "clean"])
 def test_nine_policies_ship_and_rows_of_them_are_stored(recipe):
     rows = read_episodes(Path("results/transfer", recipe, "ur3-original"), ["checkpoint_hash"])
@@ -321,6 +324,7 @@ def test_an_arm_that_stands_as_it_usually_does_is_not_held_against_itself(transf
     assert {*table.setting} == {"embodied", "best"} and table.p2_arm_p.isna().all()
 
 
+@pytest.mark.results
 @pytest.mark.parametrize("recipe", RECIPES)
 def test_what_is_published_is_what_the_published_rows_say(recipe):
     """Counted once more, without the code of the leaderboard but for which rows count."""

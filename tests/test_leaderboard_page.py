@@ -14,6 +14,8 @@ from benchmark.scoring.oracle_scores import with_oracles
 from benchmark.scoring.ranking import counted, leaderboard, protocols_of
 from envs.block_push.task import BLOCK_PUSH
 
+pytestmark = pytest.mark.system
+
 PAPER, STRICT = PROTOCOLS = protocols_of(BLOCK_PUSH)
 RESULTS = Path(__file__).parents[1] / "results"
 QUIET = [

@@ -19,6 +19,8 @@ from envs import ENVIRONMENTS
 from envs.block_push.configuration_guided_push import GuidedPushEnvConfig
 from policies.modeling_guided_push import GuidedPushPolicy
 
+pytestmark = pytest.mark.system
+
 FIRST = 50_014  # Of three episodes, even as rows are. In the second a block starts 0.585 m away: no UR3 gets behind it.
 
 

@@ -8,6 +8,8 @@ from envs import ENVIRONMENTS
 from envs.block_push.oracle import PLANS, Oracle, run_oracle
 from envs.block_push.outcome import summarize
 
+pytestmark = pytest.mark.system
+
 
 @pytest.fixture(scope="module")
 def episodes():

@@ -13,6 +13,8 @@ from envs.block_push.outcome import summarize
 from envs.block_push.scene import draw_scene
 from envs.block_push.success import both_placed, inside, rewards, score
 
+pytestmark = pytest.mark.system
+
 TARGETS = np.array([[0.28, 0.2], [0.52, 0.2]])
 
 

@@ -10,6 +10,8 @@ from richmap.geometry.grid import Grid
 from richmap.maps.compression import coverage_fraction
 from richmap.similarity.similarity import similarity
 
+pytestmark = pytest.mark.system
+
 GRID = Grid.around_base(cell_size=0.1, half_width=0.8, z_offset=0.2)
 
 

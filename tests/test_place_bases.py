@@ -19,6 +19,8 @@ from envs.arm.arms import ARMS, SETTINGS, make_kinematics, start_posture
 from envs.block_push.scene import START
 from richmap.maps.base_placement import BasePlacement
 
+pytestmark = pytest.mark.system
+
 BASES = np.array([(x, y, 0.0, 0.0) for x, y in product(PLACES_X, PLACES_Y)])
 HERE, THERE, FAR = 170, 200, 10
 

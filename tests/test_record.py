@@ -1,6 +1,7 @@
 """What is shown is what was stored."""
 
 import numpy as np
+import pytest
 import torch
 from rich.console import Console
 
@@ -9,6 +10,8 @@ from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.rollout import play
 from benchmark.rollouts.video import record
 from benchmark.settings.config import RobotConfig, RunConfig
+
+pytestmark = pytest.mark.system
 
 
 def test_an_episode_is_recorded_as_a_worker_plays_it_whatever_the_number_of_threads(tmp_path, monkeypatch):

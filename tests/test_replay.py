@@ -18,6 +18,8 @@ from benchmark.settings.command import SettingError
 from benchmark.settings.config import EnergyConfig, MapConfig, OracleConfig, RobotConfig, RunConfig
 from benchmark.settings.replay_config import ReplayConfig
 
+pytestmark = pytest.mark.system
+
 CONFIG = RunConfig(robot=RobotConfig("xarm6"), slots=2, device="cpu", method="towards", guidance_scale=0.01)
 
 

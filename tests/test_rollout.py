@@ -21,6 +21,8 @@ from benchmark.settings.config import ArmConfig, RobotConfig, RunConfig
 from richmap.geometry.grid import Grid
 from richmap.similarity.energy import EnergyField
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).parents[1]
 CONFIG = RunConfig(robot=RobotConfig("xarm6"), slots=3, device="cpu")
 

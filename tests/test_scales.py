@@ -18,6 +18,8 @@ from policies.methods import FIRST, METHODS
 from policies.methods import scales as scales_of
 from tests.made_up_episodes import CONDITION, episode
 
+pytestmark = pytest.mark.system
+
 
 def rows(method, scale, placed, first=50_000, weights="abc"):
     """Episodes of which the first are placed as told."""

@@ -6,6 +6,8 @@ import pytest
 from benchmark.map_quality.self_collision import LET_THROUGH, REJECTED, SelfCollisionConfig, main
 from richmap.robots.robots import ROBOTS, load_robot
 
+pytestmark = pytest.mark.system
+
 COMMITTED = Path(__file__).parents[1] / "results" / "self_collision.parquet"
 
 
@@ -20,6 +22,7 @@ def test_a_row_replaces_an_older_one_of_the_same_arm(tmp_path):
     assert "| ur3 | 5,000 |" in (tmp_path / "self_collision.md").read_text()
 
 
+@pytest.mark.results
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_committed_table_is_of_these_arms_and_within_bounds(name):
     (row,) = pd.read_parquet(COMMITTED).query("robot == @name").to_dict("records")

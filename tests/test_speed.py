@@ -17,6 +17,8 @@ from benchmark.settings.config import MapConfig
 from richmap.geometry.grid import Grid
 from richmap.similarity.similarity import direction_moments
 
+pytestmark = pytest.mark.system
+
 GRID = Grid.around_base(cell_size=0.2, half_width=1.0, z_offset=0.2)
 
 

@@ -12,6 +12,8 @@ from richmap.similarity.energy import EnergyField
 from richmap.similarity.load_field import load_field
 from richmap.similarity.signed_distance import SignedDistanceField, feasible_ring
 
+pytestmark = pytest.mark.system
+
 GRID = Grid((-0.5, -0.5, -0.5), 0.1, (10, 10, 10))
 VALUES = np.random.default_rng(0).random((10, 10, 10))
 

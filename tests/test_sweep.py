@@ -34,6 +34,8 @@ from policies.methods import METHODS
 from richmap.robots.robots import load_robot
 from tests.made_up_episodes import episode
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).parents[1]
 COARSE = {"cell_size": 0.2, "theta": 0.3, "draw": 200, "turns": 16, "stop_rate": 0.2}
 

@@ -1,12 +1,15 @@
 """The figure shows each arm's fields as they lie in the world."""
 
 import numpy as np
+import pytest
 
 from benchmark.studies.top_view import _at_height, slope_over_table, top_view_figure
 from envs.arm.arms import HEIGHT, arm_setting
 from richmap.geometry.grid import Grid
 from richmap.similarity.energy import EnergyField
 from richmap.similarity.similarity import similarity
+
+pytestmark = pytest.mark.system
 
 GRID = Grid.around_base(0.1, 1.0, 0.2)
 

@@ -24,6 +24,8 @@ from benchmark.training.trainer import TrainConfig, train
 from policies.configuration_guided_push import GuidedPushConfig
 from policies.modeling_guided_push import GuidedPushPolicy
 
+pytestmark = pytest.mark.system
+
 SMALL = {"trunk_width": 8, "head_width": 8}
 
 

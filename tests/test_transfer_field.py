@@ -10,6 +10,8 @@ from richmap.robots.robots import load_robot
 from richmap.similarity.energy import EnergyField, EnergySettings
 from richmap.similarity.similarity import similarity
 
+pytestmark = pytest.mark.system
+
 FLANGE_HEIGHT = 0.06
 
 RADIAL_SLOPE = {

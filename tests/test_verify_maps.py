@@ -15,6 +15,8 @@ from benchmark.settings.config import MapConfig, RobotConfig, VerifyMapsConfig
 from richmap.maps.reachability_map import Reach
 from richmap.robots.robots import load_robot
 
+pytestmark = pytest.mark.system
+
 
 def labelled(n=400, seed=0):
     rng = np.random.default_rng(seed)

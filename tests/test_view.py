@@ -15,6 +15,8 @@ from richmap.geometry.grid import Grid
 from richmap.motion.kinematics import flange_frames
 from richmap.robots.robots import load_robot
 
+pytestmark = pytest.mark.system
+
 GRID = Grid.around_base(cell_size=0.1, half_width=0.8, z_offset=0.2)
 
 

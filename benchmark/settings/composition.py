@@ -1,4 +1,4 @@
-"""How a command's settings are composed: its schema, what its groups can be, and the files in `conf/`."""
+"""How a command's settings are composed: its schema, what its groups can be, and the files in `benchmark/conf/`."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from omegaconf import OmegaConf
 
 from benchmark.settings.setting import as_typed, choices_of
 
-CONF = Path(__file__).parents[2] / "conf"
+CONF = Path(__file__).parents[1] / "conf"
 
 
 def register(schema: type, name: str) -> None:

@@ -1,11 +1,11 @@
 """Directions on the unit sphere: bins that hold at most one stored direction, and a code of four bytes within a bin."""
 
 from functools import lru_cache
-from typing import no_type_check
+from typing import NamedTuple, no_type_check
 
 import numba
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Shaped
 
 WARP = 0.273
 """Faces of the cube are divided evenly in u (1 + WARP (1 - |u|)), within 0.3 degrees of even angles and cheap."""
@@ -15,6 +15,13 @@ ROUNDING = 3e-7
 
 CODE_STEPS = 65534
 """Steps in which a coordinate from -1 to 1 on a cube's face is coded; a direction moves by less than 2e-5 rad."""
+
+
+class Lists(NamedTuple):
+    """Lists of different lengths, one after another: the one of bin b is `lists[offsets[b] : offsets[b + 1]]`."""
+
+    offsets: Int[np.ndarray, " bins1"]
+    lists: Shaped[np.ndarray, "n ..."]
 
 
 def capacity_bound(theta: float) -> float:
@@ -32,12 +39,11 @@ def bins_per_edge(theta: float) -> int:
 
 
 @lru_cache
-def neighbour_bins(theta: float) -> tuple[Int[np.ndarray, " bins1"], Int[np.ndarray, " pairs"]]:
+def neighbour_bins(theta: float) -> Lists:
     """For each bin the other bins that may hold a direction closer than `theta`, in [rad].
 
     Returns:
-        Offsets and concatenated neighbour lists, nearest bins first: those of bin b are
-        `lists[offsets[b] : offsets[b + 1]]`.
+        Neighbour lists, nearest bins first.
     """
     n = bins_per_edge(theta)
     corners = bin_corners(n)
@@ -52,7 +58,7 @@ def neighbour_bins(theta: float) -> tuple[Int[np.ndarray, " bins1"], Int[np.ndar
         near = near[np.argsort(angle[near], kind="stable")]
         lists.append(near)
         offsets.append(offsets[-1] + len(near))
-    return np.array(offsets, dtype=np.int32), np.concatenate(lists).astype(np.int32)
+    return Lists(np.array(offsets, dtype=np.int32), np.concatenate(lists).astype(np.int32))
 
 
 @numba.njit(cache=True, inline="always")

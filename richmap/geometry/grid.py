@@ -1,9 +1,18 @@
 """The regular grid of cells that a map, a similarity and an energy field live on."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
+
+
+class Cells(NamedTuple):
+    """A grid as compiled loops read it."""
+
+    origin: Float[np.ndarray, "3"]
+    cell_size: float
+    shape: Int[np.ndarray, "3"]
 
 
 class GridMismatchError(ValueError):
@@ -37,6 +46,11 @@ class Grid:
     def n_cells(self) -> int:
         """Number of cells."""
         return int(np.prod(self.shape))
+
+    @property
+    def cells(self) -> Cells:
+        """What compiled loops read of the grid."""
+        return Cells(np.array(self.origin), self.cell_size, np.array(self.shape))
 
     def cells_of(self, points: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
         """Flat index of the cell that holds each point, in [m]; -1 outside the grid (RichMap, Eq. 1, unclamped)."""

@@ -4,7 +4,7 @@ import json
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import no_type_check
+from typing import NamedTuple, no_type_check
 
 import numba
 import numpy as np
@@ -29,6 +29,27 @@ TILE_BITS = 3
 
 CHUNK = 2048
 """Queries whose bits are looked up one after the other, so that the waits for memory overlap."""
+
+
+class Bits(NamedTuple):
+    """What compiled loops read of a bitmap; the fields are those of `CoverageBitmap`."""
+
+    slot: Int[np.ndarray, " cells"]
+    covered: UInt[np.ndarray, "filled bytes"]
+    open: UInt[np.ndarray, "filled bytes"]
+    bins_per_edge: int
+
+
+class Tiles(NamedTuple):
+    """Tiles of bins that a cap may touch, for each bin that may hold the cap's centre."""
+
+    centre: Float[np.ndarray, "tiles 3 bins"]
+    """Unit vectors to the centres of a tile's bins."""
+    radius: Float[np.ndarray, " bins"]
+    """The angle within which each bin lies about its centre, in [rad]."""
+    offsets: Int[np.ndarray, " bins1"]
+    lists: UInt[np.ndarray, " n"]
+    """The tiles about bin b are `lists[offsets[b] : offsets[b + 1]]`."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +99,7 @@ class CoverageBitmap:
         slot = np.full(grid.n_cells, EMPTY, dtype=np.int32)
         slot[cells] = np.arange(len(cells), dtype=np.int32)
         covered, undecided = _paint(
-            start[cells], start[cells + 1], directions, bins_per_edge, *_tiles_around(bins_per_edge, theta), theta
+            start[cells], start[cells + 1], directions, bins_per_edge, _tiles_around(bins_per_edge, theta), theta
         )
         return cls(grid, theta, bins_per_edge, slot, covered, undecided)
 
@@ -95,7 +116,7 @@ class CoverageBitmap:
             ValueError: If the shapes are not (n, 3), or a direction is no unit vector.
         """
         positions, directions = checked_poses(positions, directions)
-        return _look_up(positions, directions, *self._cells, self.covered, self.bins_per_edge)
+        return _look_up(positions, directions, self.grid.cells, self._bits)
 
     def reachable_exactly(
         self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"], index: DirectionIndex
@@ -110,10 +131,8 @@ class CoverageBitmap:
         positions, directions = checked_poses(positions, directions)
         directions = directions.astype(np.float32, copy=False)
         cosine = np.float32(np.cos(self.theta))
-        return _look_up_exactly(
-            positions, directions, *self._cells, self.covered, self.open, self.bins_per_edge,
-            *index.stored, cosine, *runs_within(self.theta),
-        )  # fmt: skip
+        near = runs_within(self.theta)
+        return _look_up_exactly(positions, directions, self.grid.cells, self._bits, index.stored, cosine, near)
 
     @property
     def nbytes(self) -> int:
@@ -137,18 +156,13 @@ class CoverageBitmap:
             return cls(Grid.from_dict(json.loads(about["grid"])), float(about["theta"]), int(about["bins"]), **arrays)
 
     @property
-    def _cells(self):
-        return np.array(self.grid.origin), self.grid.cell_size, np.array(self.grid.shape), self.slot
+    def _bits(self) -> Bits:
+        return Bits(self.slot, self.covered, self.open, self.bins_per_edge)
 
 
 @lru_cache
-def _tiles_around(n: int, theta: float):
-    """Tiles of bins that a cap of radius theta may touch, for each bin that may hold the cap's centre.
-
-    Returns:
-        Unit vectors to the bins' centres, (tiles, 3, bins of a tile); the angle within which each bin lies about its
-        centre; offsets and concatenated lists: the tiles about bin b are `lists[offsets[b] : offsets[b + 1]]`.
-    """
+def _tiles_around(n: int, theta: float) -> Tiles:
+    """Tiles of bins that a cap of radius theta may touch."""
     corners = _tile_corners(n)
     centre = corners.mean(1)
     centre /= np.linalg.norm(centre, axis=1, keepdims=True)
@@ -164,7 +178,7 @@ def _tiles_around(n: int, theta: float):
         bins, near = np.nonzero(of_tile @ middle > least)
         lists.append(near)
         offsets.extend(offsets[-1] + np.cumsum(np.bincount(bins, minlength=TILE**2)))
-    return (
+    return Tiles(
         np.ascontiguousarray(tiles.swapaxes(1, 2), dtype=np.float32),
         radius.astype(np.float32),
         np.array(offsets),
@@ -203,8 +217,9 @@ def _bin_of(x, y, z, n):
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
 @no_type_check
-def _paint(first, last, directions, n, centre, radius, offsets, lists, theta):
+def _paint(first, last, directions, n, tiles, theta):
     """Bits of the bins whose centre is within theta of a direction, and of those that a cap's edge may cross."""
+    centre, radius, offsets, lists = tiles
     n = np.int32(n)
     size = 6 * n * n // 8
     covered = np.zeros((len(first), size), dtype=np.uint8)
@@ -243,11 +258,11 @@ def _pack(flags, packed):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
-def _find_bits(positions, directions, origin, cell_size, shape, slot, n, size, slots, bits):
+def _find_bits(positions, directions, cells, bitmap, slots, bits):
     """Slot of each pose, and the number of its bit in the bitmap; 0 where there is none."""
-    n = np.int32(n)
+    slot, n, size = bitmap.slot, np.int32(bitmap.bins_per_edge), bitmap.covered.shape[1]
     for i in range(len(positions)):
-        slots[i] = cell_of(positions[i, 0], positions[i, 1], positions[i, 2], origin, cell_size, shape)
+        slots[i] = cell_of(positions[i, 0], positions[i, 1], positions[i, 2], cells)
         x, y, z = np.float32(directions[i, 0]), np.float32(directions[i, 1]), np.float32(directions[i, 2])
         bits[i] = _bin_of(x, y, z, n)
     for i in range(len(positions)):
@@ -257,16 +272,13 @@ def _find_bits(positions, directions, origin, cell_size, shape, slot, n, size, s
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
 @no_type_check
-def _look_up(positions, directions, origin, cell_size, shape, slot, covered, n):
+def _look_up(positions, directions, cells, bitmap):
     found = np.empty(len(positions), dtype=np.bool_)
-    flat = covered.reshape(-1)
+    flat = bitmap.covered.reshape(-1)
     for chunk in numba.prange((len(positions) + CHUNK - 1) // CHUNK):
         first, last = chunk * CHUNK, min((chunk + 1) * CHUNK, len(positions))
         slots, bits = np.empty(last - first, dtype=np.int32), np.empty(last - first, dtype=np.int64)
-        _find_bits(
-            positions[first:last], directions[first:last], origin, cell_size, shape, slot, n, covered.shape[1],
-            slots, bits,
-        )  # fmt: skip
+        _find_bits(positions[first:last], directions[first:last], cells, bitmap, slots, bits)
         for i in range(last - first):
             bit = (flat[bits[i] >> 3] >> np.uint8(bits[i] & 7)) & 1
             found[first + i] = (bit != 0) & (slots[i] >= 0)
@@ -275,20 +287,15 @@ def _look_up(positions, directions, origin, cell_size, shape, slot, covered, n):
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
 @no_type_check
-def _look_up_exactly(
-    positions, directions, origin, cell_size, shape, slot, covered, undecided, n,
-    start, offsets, stored, cosine, run_offsets, runs,
-):  # fmt: skip
+def _look_up_exactly(positions, directions, cells, bitmap, stored, cosine, runs):
+    _, start, offsets, kept, _ = stored
     found = np.empty(len(positions), dtype=np.bool_)
-    flat, flat_undecided = covered.reshape(-1), undecided.reshape(-1)
+    flat, flat_undecided = bitmap.covered.reshape(-1), bitmap.open.reshape(-1)
     for chunk in numba.prange((len(positions) + CHUNK - 1) // CHUNK):
         first, last = chunk * CHUNK, min((chunk + 1) * CHUNK, len(positions))
         slots, bits = np.empty(last - first, dtype=np.int32), np.empty(last - first, dtype=np.int64)
         asked, asks = np.empty(last - first, dtype=np.int32), 0
-        _find_bits(
-            positions[first:last], directions[first:last], origin, cell_size, shape, slot, n, covered.shape[1],
-            slots, bits,
-        )  # fmt: skip
+        _find_bits(positions[first:last], directions[first:last], cells, bitmap, slots, bits)
         for i in range(last - first):
             byte, bit = bits[i] >> 3, np.uint8(bits[i] & 7)
             filled = slots[i] >= 0
@@ -297,5 +304,5 @@ def _look_up_exactly(
             asks += np.int64((((flat_undecided[byte] >> bit) & 1) != 0) & filled)
         for k in range(asks):
             s, (x, y, z) = slots[asked[k]], directions[first + asked[k]]
-            found[first + asked[k]] = any_within(x, y, z, start[s], offsets[s], stored, cosine, run_offsets, runs)
+            found[first + asked[k]] = any_within(x, y, z, start[s], offsets[s], kept, cosine, runs)
     return found

@@ -1,14 +1,20 @@
 """The stored direction nearest to a pose's, exactly, without looking through all that its cell holds."""
 
 from dataclasses import dataclass
-from typing import no_type_check
+from typing import NamedTuple, no_type_check
 
 import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
 from richmap.geometry.checked_poses import checked_poses
-from richmap.geometry.direction_blocks import BINS_PER_EDGE, BLOCKS, BLOCKS_PER_EDGE, blocks_outwards, runs_within
+from richmap.geometry.direction_blocks import (
+    BINS_PER_EDGE,
+    BLOCKS,
+    BLOCKS_PER_EDGE,
+    blocks_outwards,
+    runs_within,
+)
 from richmap.geometry.directions import bin_of
 from richmap.geometry.grid import Grid
 
@@ -19,6 +25,16 @@ EMPTY = -1
 
 PART = 1 << 20
 """At most so many queries are put in the order of cells at once, so that what a cell holds is read from memory once."""
+
+
+class Stored(NamedTuple):
+    """What compiled loops read of an index; the fields are those of `DirectionIndex`."""
+
+    slot: Int[np.ndarray, " cells"]
+    start: Int[np.ndarray, " filled"]
+    offsets: UInt[np.ndarray, "filled blocks1"]
+    directions: Float[np.ndarray, "n 3"]
+    rows: Int[np.ndarray, " m"]
 
 
 @dataclass(frozen=True)
@@ -91,17 +107,8 @@ class DirectionIndex:
         positions, directions = checked_poses(positions, directions)
         directions = directions.astype(np.float32, copy=False)
         part, cosine = _part_size(len(directions)), np.float32(np.cos(NEAR))
-        return _nearest(
-            positions,
-            directions,
-            part,
-            *self._cells,
-            *self.stored,
-            self.rows,
-            cosine,
-            *runs_within(NEAR),
-            *blocks_outwards(),
-        )
+        near = runs_within(NEAR)
+        return _nearest(positions, directions, part, self.grid.cells, self.stored, cosine, near, blocks_outwards())
 
     def within(
         self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"], angle: float
@@ -113,7 +120,7 @@ class DirectionIndex:
         positions, directions = checked_poses(positions, directions)
         directions = directions.astype(np.float32, copy=False)
         part, cosine = _part_size(len(directions)), np.float32(np.cos(angle))
-        return _within(positions, directions, part, *self._cells, *self.stored, cosine, *runs_within(angle))
+        return _within(positions, directions, part, self.grid.cells, self.stored, cosine, runs_within(angle))
 
     @property
     def nbytes(self) -> int:
@@ -122,13 +129,9 @@ class DirectionIndex:
         return sum(array.nbytes for array in arrays)
 
     @property
-    def _cells(self):
-        return np.array(self.grid.origin), self.grid.cell_size, np.array(self.grid.shape), self.slot
-
-    @property
-    def stored(self):
-        """What `any_within` reads: first places of cells, offsets of their blocks, directions."""
-        return self.start, self.offsets, self.directions
+    def stored(self) -> Stored:
+        """What compiled loops read."""
+        return Stored(self.slot, self.start, self.offsets, self.directions, self.rows)
 
 
 def _part_size(queries: int) -> int:
@@ -138,8 +141,9 @@ def _part_size(queries: int) -> int:
 
 @numba.njit(cache=True, inline="always", error_model="numpy")
 @no_type_check
-def cell_of(x, y, z, origin, cell_size, shape):
+def cell_of(x, y, z, cells):
     """Flat index of the cell that holds a point; -1 outside the grid (`Grid.cells_of`)."""
+    origin, cell_size, shape = cells
     i = np.floor((x - origin[0]) / cell_size)
     j = np.floor((y - origin[1]) / cell_size)
     k = np.floor((z - origin[2]) / cell_size)
@@ -149,19 +153,19 @@ def cell_of(x, y, z, origin, cell_size, shape):
 
 @numba.njit(cache=True, inline="always", error_model="numpy")
 @no_type_check
-def _slot_of(point, origin, cell_size, shape, slot):
-    cell = cell_of(point[0], point[1], point[2], origin, cell_size, shape)
+def _slot_of(point, cells, slot):
+    cell = cell_of(point[0], point[1], point[2], cells)
     return slot[cell] if cell >= 0 else EMPTY
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
-def _by_slot(positions, origin, cell_size, shape, slot, filled):
+def _by_slot(positions, cells, stored):
     """Slot of each position, and an order in which those of a cell are together; empty cells are left out."""
-    slots = np.empty(len(positions), dtype=np.int32)
+    slots, filled = np.empty(len(positions), dtype=np.int32), len(stored.start)
     n = 0
     for i in range(len(positions)):
-        slots[i] = _slot_of(positions[i], origin, cell_size, shape, slot)
+        slots[i] = _slot_of(positions[i], cells, stored.slot)
         n += slots[i] >= 0
     order = np.empty(n, dtype=np.int32)
     place = np.zeros(filled + 1, dtype=np.int32)
@@ -187,26 +191,22 @@ def _by_slot(positions, origin, cell_size, shape, slot, filled):
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
 @no_type_check
-def _nearest(
-    positions, queries, size, origin, cell_size, shape, slot, start, offsets,
-    directions, rows, near_cosine, run_offsets, runs, centre, cr, sr, order, limit,
-):  # fmt: skip
+def _nearest(positions, queries, size, cells, stored, near_cosine, runs, outwards):
+    _, start, offsets, directions, rows = stored
     found = np.full(len(queries), -1, dtype=np.int64)
     cosines = np.full(len(queries), -2.0, dtype=np.float32)
     for part in numba.prange((len(queries) + size - 1) // size):
         begin, end = part * size, min((part + 1) * size, len(queries))
-        slots, sequence = _by_slot(positions[begin:end], origin, cell_size, shape, slot, len(start))
+        slots, sequence = _by_slot(positions[begin:end], cells, stored)
         # Fetched before and written after the search, so that its branches do not wait for scattered memory.
         ordered, slots = queries[begin:end][sequence], slots[sequence]
         nearest, cosine = np.empty(len(sequence), dtype=np.int64), np.empty(len(sequence), dtype=np.float32)
         for n in range(len(sequence)):
             s = slots[n]
             x, y, z = ordered[n]
-            place, best, tied = _search_near(x, y, z, start[s], offsets[s], directions, run_offsets, runs)
+            place, best, tied = _search_near(x, y, z, start[s], offsets[s], directions, runs)
             if best <= near_cosine:
-                place, best, tied = _search(
-                    x, y, z, best, start[s], offsets[s], directions, centre, cr, sr, order, limit
-                )
+                place, best, tied = _search(x, y, z, best, start[s], offsets[s], directions, outwards)
             if tied:
                 place = _first_of(x, y, z, best, start[s], start[s] + offsets[s, BLOCKS], directions, rows)
             nearest[n], cosine[n] = place, best
@@ -219,12 +219,12 @@ def _nearest(
 
 @numba.njit(cache=True, error_model="numpy")
 @no_type_check
-def _search_near(x, y, z, begin, offsets, directions, run_offsets, runs):
+def _search_near(x, y, z, begin, offsets, directions, runs):
     """Place of the nearest direction in the blocks close by, the cosine, and whether another one is as near."""
     b = bin_of(x, y, z, BINS_PER_EDGE)
     best, nearest, tied = np.float32(-2), begin, False
-    for k in range(run_offsets[b], run_offsets[b + 1]):
-        for place in range(begin + offsets[runs[k, 0]], begin + offsets[runs[k, 1]]):
+    for k in range(runs.offsets[b], runs.offsets[b + 1]):
+        for place in range(begin + offsets[runs.lists[k, 0]], begin + offsets[runs.lists[k, 1]]):
             cosine = x * directions[place, 0] + y * directions[place, 1] + z * directions[place, 2]
             nearer = cosine > best
             tied = (cosine == best) | (tied & (not nearer))
@@ -235,8 +235,9 @@ def _search_near(x, y, z, begin, offsets, directions, run_offsets, runs):
 
 @numba.njit(cache=True, error_model="numpy")
 @no_type_check
-def _search(x, y, z, known, begin, offsets, directions, centre, cr, sr, order, limit):
+def _search(x, y, z, known, begin, offsets, directions, outwards):
     """The same among all directions of a cell; `known` is a cosine that one of them has, or -2."""
+    centre, cr, sr, order, limit = outwards
     b = bin_of(x, y, z, BLOCKS_PER_EDGE)
     best, nearest, tied = np.float32(-2), begin, False
     enough = _least_cosine(known, cr, sr)
@@ -280,11 +281,11 @@ def _first_of(x, y, z, best, begin, end, directions, rows):
 
 @numba.njit(cache=True, inline="always", error_model="numpy")
 @no_type_check
-def any_within(x, y, z, begin, offsets, directions, cosine, run_offsets, runs):
+def any_within(x, y, z, begin, offsets, directions, cosine, runs):
     """Whether one of a cell's directions has a cosine with (x, y, z) above `cosine`, the one of the runs' angle."""
     b = bin_of(x, y, z, BINS_PER_EDGE)
-    for k in range(run_offsets[b], run_offsets[b + 1]):
-        for place in range(begin + offsets[runs[k, 0]], begin + offsets[runs[k, 1]]):
+    for k in range(runs.offsets[b], runs.offsets[b + 1]):
+        for place in range(begin + offsets[runs.lists[k, 0]], begin + offsets[runs.lists[k, 1]]):
             if x * directions[place, 0] + y * directions[place, 1] + z * directions[place, 2] > cosine:
                 return True
     return False
@@ -292,21 +293,17 @@ def any_within(x, y, z, begin, offsets, directions, cosine, run_offsets, runs):
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
 @no_type_check
-def _within(
-    positions, queries, size, origin, cell_size, shape, slot, start, offsets,
-    directions, cosine, run_offsets, runs,
-):  # fmt: skip
+def _within(positions, queries, size, cells, stored, cosine, runs):
+    _, start, offsets, directions, _ = stored
     found = np.zeros(len(queries), dtype=np.bool_)
     for part in numba.prange((len(queries) + size - 1) // size):
         begin, end = part * size, min((part + 1) * size, len(queries))
-        slots, sequence = _by_slot(positions[begin:end], origin, cell_size, shape, slot, len(start))
+        slots, sequence = _by_slot(positions[begin:end], cells, stored)
         ordered, slots = queries[begin:end][sequence], slots[sequence]
         for n in range(len(sequence)):
             s = slots[n]
             x, y, z = ordered[n]
-            found[begin + sequence[n]] = any_within(
-                x, y, z, start[s], offsets[s], directions, cosine, run_offsets, runs
-            )
+            found[begin + sequence[n]] = any_within(x, y, z, start[s], offsets[s], directions, cosine, runs)
     return found
 
 

@@ -2,7 +2,7 @@
 
 from mmap import MAP_ANONYMOUS, MAP_PRIVATE, mmap
 from pathlib import Path
-from typing import no_type_check
+from typing import NamedTuple, no_type_check
 
 import numba
 import numpy as np
@@ -23,6 +23,52 @@ from richmap.geometry.directions import (
 from richmap.geometry.grid import Grid
 from richmap.geometry.roll import FULL_CIRCLE, axis_at_roll, roll_about
 from richmap.motion.sampling import Orbits
+
+
+class Poses(NamedTuple):
+    """Orbits as compiled loops read them; cosine and sine of each turn about the base's z axis in `turns`."""
+
+    joints: Float[np.ndarray, "n dof"]
+    position: Float[np.ndarray, "n 3"]
+    direction: Float[np.ndarray, "n 3"]
+    gap_axis: Float[np.ndarray, "n 3"]
+    free: Bool[np.ndarray, "n turns"]
+    turns: Float[np.ndarray, "turns 2"]
+
+
+class Bins(NamedTuple):
+    """The table of direction bins of each cell, and how directions of it are compared."""
+
+    table: UInt[np.ndarray, "cells bins"]
+    """Code of the direction in a bin; 0 for none."""
+    offsets: Int[np.ndarray, " bins1"]
+    neighbours: Int[np.ndarray, " pairs"]
+    """The bins that may hold a direction nearer than theta to one in bin b: `neighbours[offsets[b] : offsets[b + 1]]`,
+    not a `Lists`, since Numba's parallel loops take no tuples in tuples."""
+    per_edge: int
+    """Bins along an edge of a cube's face."""
+    cosine: np.float32
+    """Directions with a greater one are too near to each other."""
+
+
+class Rows(NamedTuple):
+    """What is stored, by rows in order of insertion, and which cells and bins hold which rows."""
+
+    slot: Int[np.ndarray, " rows"]
+    """Cell and bin as one number."""
+    joints: UInt[np.ndarray, "rows dof"]
+    codes: UInt[np.ndarray, " rows"]
+    gaps: UInt[np.ndarray, "rows_or_1 2"]
+    """Start and width of the gap in the rolls, in steps of a full circle."""
+    row: UInt[np.ndarray, "cells_or_1 bins_or_1"]
+    """Row of each bin's direction, where rolls are tracked."""
+    filled: Bool[np.ndarray, " cells"]
+    lower: Float[np.ndarray, " dof"]
+    """Lower joint limits, in [rad]."""
+    step: Float[np.ndarray, " dof"]
+    """A joint's range in 65,535 steps, in [rad]."""
+    gap: int
+    """Width of the gap that one configuration leaves, in steps of a full circle; 0 where rolls are not tracked."""
 
 
 class Inserter:
@@ -60,20 +106,25 @@ class Inserter:
         """
         self.grid, self.theta = grid, theta
         self.inserted = self.offered = 0
-        self._lower, self._step = lower, (upper - lower) / 65535
-        self._gap = round(gap / (2 * np.pi) * FULL_CIRCLE) if gap else 0
-        self._n = bins_per_edge(theta)
-        self._cosine = np.float32(np.cos(theta) - ROUNDING)
-        bins = 6 * self._n**2
+        gap_steps = round(gap / (2 * np.pi) * FULL_CIRCLE) if gap else 0
+        per_edge = bins_per_edge(theta)
+        bins = 6 * per_edge**2
         rows = grid.n_cells * min(int(capacity_bound(theta)), bins)
         folder.mkdir(parents=True, exist_ok=True)
-        self._slot = _rows(folder / "slot", np.int64, (rows,))
-        self._joints = _rows(folder / "joints", np.uint16, (rows, len(lower)))
-        self._codes = _rows(folder / "codes", np.uint32, (rows,))
-        self._gaps = _rows(folder / "gaps", np.uint16, (rows if self._gap else 1, 2))
-        self._table = np.zeros((grid.n_cells, bins), dtype=np.uint32)
-        self._row = _small_pages((grid.n_cells, bins) if self._gap else (1, 1))
-        self._filled = np.zeros(grid.n_cells, dtype=bool)
+        self._rows = Rows(
+            _file_of_rows(folder / "slot", np.int64, (rows,)),
+            _file_of_rows(folder / "joints", np.uint16, (rows, len(lower))),
+            _file_of_rows(folder / "codes", np.uint32, (rows,)),
+            _file_of_rows(folder / "gaps", np.uint16, (rows if gap_steps else 1, 2)),
+            _small_pages((grid.n_cells, bins) if gap_steps else (1, 1)),
+            np.zeros(grid.n_cells, dtype=bool),
+            lower,
+            (upper - lower) / 65535,
+            gap_steps,
+        )
+        self._filled = self._rows.filled
+        table, cosine = np.zeros((grid.n_cells, bins), dtype=np.uint32), np.float32(np.cos(theta) - ROUNDING)
+        self._bins = Bins(table, *neighbour_bins(theta), per_edge, cosine)
         self._phase_1 = None
         if device != "cpu":
             from richmap.maps.torch_twin import TorchPhase1
@@ -88,10 +139,12 @@ class Inserter:
     def resume(self, inserted: int, offered: int) -> None:
         """Go on after this many rows, which an earlier process left in the folder."""
         self.inserted, self.offered = inserted, offered
-        self._table.ravel()[self._slot[:inserted]] = self._codes[:inserted]
-        if self._gap:
-            self._row.ravel()[self._slot[:inserted]] = np.arange(inserted, dtype=np.uint32)
-        self._filled[self._slot[:inserted] // self._table.shape[1]] = True
+        table, rows = self._bins.table, self._rows
+        slot = rows.slot[:inserted]
+        table.ravel()[slot] = rows.codes[:inserted]
+        if rows.gap:
+            rows.row.ravel()[slot] = np.arange(inserted, dtype=np.uint32)
+        rows.filled[slot // table.shape[1]] = True
         self._on_device(0, inserted)
 
     def insert(self, orbits: Orbits, target: int = 0) -> Bool[np.ndarray, "n turns"]:
@@ -102,15 +155,10 @@ class Inserter:
             target: Where to stop, in rows; what of the batch comes after is as if it had not been offered. 0: nowhere.
         """
         poses = _turned_poses(orbits)
-        grid = np.array(self.grid.origin), self.grid.cell_size, np.array(self.grid.shape)
-        tables = self._table, *neighbour_bins(self.theta), self._n, self._cosine
-        met, cells = self._phase_1.meet(orbits) if self._phase_1 else _meet_stored(*poses, *grid, *tables)
-        stored, inserted = _insert_in_order(
-            met, cells, orbits.joints, orbits.way, self._lower, self._step, self._gap, self.inserted, target or -1,
-            *poses, *tables, self._filled, self._row, self._gaps, self._slot, self._codes, self._joints,
-        )  # fmt: skip
-        if self._gap:
-            _add_rolls(met, stored, cells, *poses, self._table, self._n, self._row, self._gaps, self._gap)
+        met, cells = self._phase_1.meet(orbits) if self._phase_1 else _meet_stored(poses, self.grid.cells, self._bins)
+        stored, inserted = _insert_in_order(met, cells, poses, self._bins, self._rows, self.inserted, target or -1)
+        if self._rows.gap:
+            _add_rolls(met, stored, cells, poses, self._bins, self._rows)
         self._on_device(self.inserted, inserted)
         self.inserted = inserted
         self.offered += int((cells >= 0).sum())
@@ -119,8 +167,9 @@ class Inserter:
     def _on_device(self, first: int, last: int) -> None:
         """Tell the device of new rows."""
         if self._phase_1:
-            slot, codes, bins = self._slot[first:last], self._codes[first:last], self._table.shape[1]
-            directions = _decode_rows(np.arange(len(slot)), slot, codes, bins, self._n**2)
+            slot, codes = self._rows.slot[first:last], self._rows.codes[first:last]
+            bins = self._bins.table.shape[1]
+            directions = _decode_rows(np.arange(len(slot)), slot, codes, bins, self._bins.per_edge**2)
             self._phase_1.store(slot // bins, directions, slot % bins)
 
     def insert_rows(
@@ -131,13 +180,9 @@ class Inserter:
         gaps: UInt[np.ndarray, "n 2"] | None,
     ) -> None:
         """Insert what another map of the same arm, grid and theta has stored, row after row."""
-        tables = self._table, *neighbour_bins(self.theta), self._n, self._cosine
         gaps = np.zeros((len(cells), 2), dtype=np.uint16) if gaps is None else gaps
         before = self.inserted
-        self.inserted = _insert_rows(
-            cells, directions, joints, gaps, self.inserted,
-            *tables, self._filled, self._row, self._gaps, self._slot, self._codes, self._joints, self._gap,
-        )  # fmt: skip
+        self.inserted = _insert_rows(cells, directions, joints, gaps, self._bins, self._rows, self.inserted)
         self._on_device(before, self.inserted)
 
     def finish(
@@ -149,21 +194,23 @@ class Inserter:
 
         Nothing can be inserted afterwards: the tables are given back, since fine maps fill half of a memory.
         """
-        bins = self._table.shape[1]
-        del self._table, self._row
-        slot, codes, joints = (rows[: self.inserted] for rows in (self._slot, self._codes, self._joints))
+        bins, per_face = self._bins.table.shape[1], self._bins.per_edge**2
+        rows = self._rows
+        slot, codes, joints, gaps = (x[: self.inserted] for x in (rows.slot, rows.codes, rows.joints, rows.gaps))
+        tracked = rows.gap > 0
+        del self._bins, self._rows, rows
         small = self.grid.n_cells * BLOCKS <= np.iinfo(np.int32).max
         keys = np.empty(len(slot), dtype=np.int32 if small else np.int64)
-        _fill_keys(slot, codes, bins, self._n**2, keys)
+        _fill_keys(slot, codes, bins, per_face, keys)
         order = np.argsort(keys, kind="stable")
         del keys
         start = np.zeros(self.grid.n_cells + 1, dtype=np.int64)
         np.cumsum(np.bincount(slot // bins, minlength=self.grid.n_cells), out=start[1:])
-        gaps = self._gaps[: self.inserted][order] if self._gap else None
-        return start, _decode_rows(order, slot, codes, bins, self._n**2), joints[order], gaps
+        gaps = gaps[order] if tracked else None
+        return start, _decode_rows(order, slot, codes, bins, per_face), joints[order], gaps
 
 
-def _rows(file: Path, dtype: type, shape: tuple[int, ...]) -> np.memmap:
+def _file_of_rows(file: Path, dtype: type, shape: tuple[int, ...]) -> np.memmap:
     """A file of rows, as it is or new; what was not written takes no room on the disk."""
     return np.memmap(file, dtype, "r+" if file.exists() else "w+", shape=shape)
 
@@ -173,11 +220,10 @@ def _small_pages(shape: tuple[int, int]) -> UInt[np.ndarray, "cells bins"]:
     return np.frombuffer(mmap(-1, 4 * shape[0] * shape[1], flags=MAP_PRIVATE | MAP_ANONYMOUS), np.uint32).reshape(shape)
 
 
-def _turned_poses(orbits: Orbits):
-    """What the kernels read of the orbits: vectors, and cosine and sine of each turn about the base's z axis."""
+def _turned_poses(orbits: Orbits) -> Poses:
     angle = orbits.way * 2 * np.pi / orbits.turns * np.arange(orbits.turns)
     turns = np.stack([np.cos(angle), np.sin(angle)], 1).astype(np.float32)
-    return orbits.position, orbits.direction, orbits.gap_axis, orbits.free, turns
+    return Poses(orbits.joints, orbits.position, orbits.direction, orbits.gap_axis, orbits.free, turns)
 
 
 @numba.njit(cache=True, inline="always")
@@ -193,8 +239,9 @@ def _rounded(direction, c, s):
 
 @numba.njit(cache=True, inline="always")
 @no_type_check
-def _conflict(b, x, y, z, slots, offsets, neighbours, n, cosine):
+def _conflict(b, x, y, z, slots, bins):
     """A bin whose direction is too near, nearest bins first; -1 if there is none."""
+    _, offsets, neighbours, n, cosine = bins
     if slots[b] != 0:
         return b
     for k in range(offsets[b], offsets[b + 1]):
@@ -209,10 +256,10 @@ def _conflict(b, x, y, z, slots, offsets, neighbours, n, cosine):
 
 @numba.njit(cache=True, parallel=True, nogil=True)
 @no_type_check
-def _meet_stored(
-    position, direction, gap_axis, free, turns, origin, cell_size, shape, table, offsets, neighbours, n, cosine
-):
+def _meet_stored(poses, grid, bins):
     """Phase 1: the bin of a stored direction that each pose is too near to, -1 for none; and each pose's cell."""
+    _, position, direction, _, free, turns = poses
+    origin, cell_size, shape = grid
     met = np.full(free.shape, -1, dtype=np.int32)
     cells = np.full(free.shape, -1, dtype=np.int32)
     per_metre = 1 / cell_size
@@ -232,68 +279,66 @@ def _meet_stored(
             cell = (ix * shape[1] + iy) * shape[2] + k
             cells[i, t] = cell
             face, u, v, _, dx, dy, dz = _rounded(direction[i], c, s)
-            b = bin_on_face(face, u, v, n)
-            met[i, t] = _conflict(b, dx, dy, dz, table[cell], offsets, neighbours, n, cosine)
+            b = bin_on_face(face, u, v, bins.per_edge)
+            met[i, t] = _conflict(b, dx, dy, dz, bins.table[cell], bins)
     return met, cells
 
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def _insert_in_order(
-    met, cells, joints, way, lower, step, gap, rows, target,
-    position, direction, gap_axis, free, turns,
-    table, offsets, neighbours, n, cosine,
-    filled, row, gaps, slot, codes, stored_joints,
-):  # fmt: skip
+def _insert_in_order(met, cells, poses, bins, rows, inserted, target):
     """Phase 2: insert what met nothing, one after the other, unless one before was too near.
 
     From the target on, poses lose their cell: they count as not offered.
     """
+    joints, _, direction, gap_axis, _, turns = poses
+    table = bins.table
+    slot, stored_joints, codes, gaps, row, filled, lower, step, gap = rows
     stored = np.zeros(met.shape, dtype=np.bool_)
-    bins = table.shape[1]
     full_turn = 2 * np.pi
     for i in range(met.shape[0]):
         for t in range(met.shape[1]):
-            if rows == target:
+            if inserted == target:
                 cells[i, t] = -1
             cell = cells[i, t]
             if cell < 0 or met[i, t] >= 0:
                 continue
             face, u, v, code, x, y, z = _rounded(direction[i], turns[t, 0], turns[t, 1])
-            b = bin_on_face(face, u, v, n)
-            other = _conflict(b, x, y, z, table[cell], offsets, neighbours, n, cosine)
+            b = bin_on_face(face, u, v, bins.per_edge)
+            other = _conflict(b, x, y, z, table[cell], bins)
             met[i, t] = other
             if other >= 0:
                 continue
             filled[cell] = True
             table[cell, b] = code
-            slot[rows] = cell * bins + b
-            codes[rows] = code
+            slot[inserted] = cell * table.shape[1] + b
+            codes[inserted] = code
             for j in range(joints.shape[1]):
                 q = joints[i, j] - lower[j]
                 if j == 0 and t > 0:
                     q = (q + full_turn * t / met.shape[1]) % full_turn
                     if q > 0.5 * (65535 * step[0] + full_turn):  # just below the lower limit, by rounding
                         q = 0.0
-                stored_joints[rows, j] = min(max(round(q / step[j]), 0), 65535)
+                stored_joints[inserted, j] = min(max(round(q / step[j]), 0), 65535)
             if gap > 0:
-                row[cell, b] = rows
-                gaps[rows, 0] = _roll(gap_axis[i], turns[t, 0], turns[t, 1], x, y, z)
-                gaps[rows, 1] = gap
-            rows += 1
+                row[cell, b] = inserted
+                gaps[inserted, 0] = _roll(gap_axis[i], turns[t, 0], turns[t, 1], x, y, z)
+                gaps[inserted, 1] = gap
+            inserted += 1
             stored[i, t] = True
-    return stored, rows
+    return stored, inserted
 
 
 @numba.njit(cache=True, parallel=True, nogil=True)
 @no_type_check
-def _add_rolls(
-    met, stored, cells, position, direction, gap_axis, free, turns, table, n, row, gaps, gap
-):  # fmt: skip
+def _add_rolls(met, stored, cells, poses, bins, rows):
     """Narrow the gap in the rolls of each direction that rejected a pose: what stays is in both of their gaps.
 
     Each thread takes the cells of one remainder, so that no two write to one gap. The order does not matter.
     """
+    gap_axis, turns = poses.gap_axis, poses.turns
+    table, n = bins.table, bins.per_edge
+    row, gaps, gap = rows.row, rows.gaps, rows.gap
     parts = 8
     for part in numba.prange(parts):
         for i in range(met.shape[0]):
@@ -311,32 +356,30 @@ def _add_rolls(
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def _insert_rows(
-    cells, directions, joints, other_gaps, rows,
-    table, offsets, neighbours, n, cosine, filled, row, gaps, slot, codes, stored_joints, gap,
-):  # fmt: skip
+def _insert_rows(cells, directions, joints, other_gaps, bins, rows, inserted):
     """Rows of another map; its gaps count from the canonical frames of its directions."""
-    bins = table.shape[1]
+    table, n = bins.table, bins.per_edge
+    slot, stored_joints, codes, gaps, row, filled, _, _, gap = rows
     for i in range(len(cells)):
         cell = cells[i]
         face, u, v, code, x, y, z = _rounded(directions[i], np.float32(1), np.float32(0))
         b = bin_on_face(face, u, v, n)
-        other = _conflict(b, x, y, z, table[cell], offsets, neighbours, n, cosine)
+        other = _conflict(b, x, y, z, table[cell], bins)
         if other < 0:
             filled[cell] = True
             table[cell, b] = code
-            slot[rows] = cell * bins + b
-            codes[rows] = code
-            stored_joints[rows] = joints[i]
+            slot[inserted] = cell * table.shape[1] + b
+            codes[inserted] = code
+            stored_joints[inserted] = joints[i]
             if gap > 0:
-                row[cell, b] = rows
-                gaps[rows] = other_gaps[i]
-            rows += 1
+                row[cell, b] = inserted
+                gaps[inserted] = other_gaps[i]
+            inserted += 1
         elif gap > 0 and gaps[row[cell, other], 1] > 0:
             ax, ay, az = axis_at_roll(other_gaps[i, 0], x, y, z)
             x, y, z = decode(other // (n * n), table[cell, other])
             _narrow(gaps[row[cell, other]], int(roll_about(ax, ay, az, x, y, z)) % FULL_CIRCLE, other_gaps[i, 1])
-    return rows
+    return inserted
 
 
 @numba.njit(cache=True, inline="always")
