@@ -54,7 +54,7 @@ def play_missing(player: ArmOracle, config: OracleConfig, output_dir: Path, cons
             yield [Episode(condition, seed, 0, outcome) for seed, outcome in zip(part, outcomes, strict=True)]
 
     seeds = range(config.seed_start, config.seed_start + config.episodes)
-    name = f"{player.oracle.capitalize()} oracle on {player.arm.robot}, {player.arm.name}"
+    name = f"{player.oracle.capitalize()} oracle on {player.arm.robot}, {player.arm.setting}"
     (table,) = run_missing([condition], seeds, lambda _: output_dir, run, name, console)
     return table
 

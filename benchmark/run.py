@@ -24,7 +24,8 @@ def main(config: RunConfig) -> None:
     from benchmark.sweeps.experiment_log import log_curves, log_evaluation, log_field
 
     console, tables = Console(), []
-    for rollout in rollouts_of(config, console):
+    rollouts = rollouts_of(config, console)
+    for rollout in rollouts:
         tables.append(run_and_store(rollout, config, console))
         with unharmed():
             log_field(config, rollout, config.output_dir)

@@ -1,4 +1,4 @@
-"""The block-push task; importing this registers `BlockPush-xArm6-v0`, `-UR3-v0`, `-UR5-v0` and `-UR10-v0`."""
+"""The block-push task; importing this registers `BlockPush-v0`, which takes an arm, and a name of each of four arms."""
 
 import logging
 
@@ -10,18 +10,21 @@ logging.getLogger("robosuite_logs").addFilter(lambda record: record.levelno >= l
 MAX_EPISODE_STEPS = 350
 """Control steps, at 10 per second, after which an episode is cut off."""
 
+BLOCK_PUSH = "BlockPush-v0"
+"""Gymnasium's name of the task on any arm (`envs.block_push.make.make`)."""
+
 ENVIRONMENTS = {
     "xarm6": "BlockPush-xArm6-v0",
     "ur3": "BlockPush-UR3-v0",
     "ur5": "BlockPush-UR5-v0",
     "ur10": "BlockPush-UR10-v0",
 }
-"""Gymnasium's name of the task on each robot."""
+"""Short names of it on four arms."""
 
-for _robot, _id in ENVIRONMENTS.items():
+for _robot, _id in [("xarm6", BLOCK_PUSH), *ENVIRONMENTS.items()]:
     gymnasium.register(
         _id,
-        entry_point="envs.block_push.environment:BlockPushEnv",
+        entry_point="envs.block_push.make:make",
         max_episode_steps=MAX_EPISODE_STEPS,
         kwargs={"robot": _robot},
     )

@@ -9,6 +9,7 @@ from typing import Any, get_args, get_type_hints
 import gymnasium
 import numpy as np
 
+from envs.arm.task_poses import TaskPoses
 from richmap.task_spaces.task_space import TaskSpace
 
 type Controller = Callable[[dict[str, np.ndarray]], np.ndarray]
@@ -74,6 +75,8 @@ class Task:
     """Control steps after which an episode is cut off."""
     control_frequency: int
     """Control steps per second."""
+    poses: TaskPoses
+    """What it asks of an arm: where it starts, and where the tool is to be from there."""
     draw_scene: Callable[[int], Any]
     """The scene of an episode's seed; `reset(seed=seed)` places it."""
     outcome: type

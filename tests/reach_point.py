@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium import spaces
 
 from envs.arm.lost_command import ARM_CAUSES
+from envs.arm.task_poses import TaskPoses
 from envs.task import Score, Task, Trait
 from richmap.task_spaces.flange_steps import FlangeSteps
 from richmap.task_spaces.layout import Layout, Part
@@ -126,6 +127,7 @@ REACH_POINT = Task(
     make=make,
     max_episode_steps=MOST_STEPS,
     control_frequency=10,
+    poses=TaskPoses((0.4, 0.0, 0.06), (0.2, -0.2), (0.5, 0.2)),
     draw_scene=draw_scene,
     outcome=Reached,
     summarize=summarize,

@@ -1,7 +1,5 @@
 """Conditions change one thing at a time, episodes are played once, and tables say what they hold."""
 
-from dataclasses import asdict
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -19,7 +17,7 @@ from benchmark.studies.arms import (
     store,
     table_row,
 )
-from envs.arm.arms import arm_setting
+from envs.block_push.arm import block_push_arm
 
 pytestmark = pytest.mark.system
 
@@ -37,22 +35,23 @@ def episodes_of(condition, seeds, p2=True):
 
 
 def test_every_setting_has_both_oracles(conditions):
-    plain = [(c.arm.name, c.oracle) for c in conditions if not c.change]
+    plain = [(c.arm.setting, c.oracle) for c in conditions if not c.change]
     assert plain == [(setting, oracle) for setting in SETTINGS for oracle in ORACLES]
 
 
 def test_a_change_is_one_choice_other_than_the_settings(conditions):
     changed = [condition for condition in conditions if condition.change]
     assert len(changed) == 1 + 1 + 3 + 9  # Wrist, self-collision, weights, base x but for the common one.
-    usual = asdict(arm_setting("ur10"))
+    usual = block_push_arm("ur10").numbers()
+    del usual["posture"]  # Which goes with the branch.
     for condition in changed:
-        assert sum(asdict(condition.arm)[key] != value for key, value in usual.items()) == 1, condition.change
+        assert sum(condition.arm.numbers()[key] != value for key, value in usual.items()) == 1, condition.change
 
 
 def test_an_arm_that_cannot_start_is_said_so():
-    condition = OracleCondition("wrist in", arm_setting("ur3", wrist="in"), "plain")
+    condition = OracleCondition("wrist in", block_push_arm("ur3", branch="wrist_in"), "plain")
     assert not condition.can_start
-    row = table_row(episodes_of(OracleCondition("", arm_setting("ur3"), "plain"), [1]), condition)
+    row = table_row(episodes_of(OracleCondition("", block_push_arm("ur3"), "plain"), [1]), condition)
     assert row["n"] == "0" and row["failed by cause"] == "cannot hold its tool over the start"
 
 
@@ -70,7 +69,7 @@ def test_what_is_stored_is_not_played_again(conditions):
 
 def test_every_episode_of_every_condition_is_played_and_stored_once(tmp_path, monkeypatch):
     monkeypatch.setattr(arms, "CHUNK", 1)
-    usual = [OracleCondition("", arm_setting("ur5", setting), "plain") for setting in SETTINGS]
+    usual = [OracleCondition("", block_push_arm("ur5", setting), "plain") for setting in SETTINGS]
     config = ArmsConfig(robots=["ur5"], episodes=2, output_dir=str(tmp_path))
     episodes = arms.play_missing(usual, config, Console(quiet=True))
     for condition in usual:

@@ -143,7 +143,7 @@ def test_the_base_can_be_moved():
 def test_links_collide_only_where_the_setting_says_so():
     contacts = {}
     for setting in ("original", "embodied"):
-        env = make("ur10", setting=setting, wrist="out")
+        env = make("ur10", setting=setting, branch="wrist_out")
         env.reset(seed=0)
         touched = []
         for _ in range(25):  # To R = .20 m, where its first wrist link is inside the upper arm.

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from envs.arm.arms import arm_setting
 from envs.arm.feasibility import Feasibility, TableFeasibility
+from envs.block_push.arm import block_push_arm
 from envs.block_push.block_ways import LOST, PLACED, BlockWays
 
 
@@ -13,7 +13,7 @@ def table(allowed):
     x, y = np.linspace(0.15, 0.71, 29), np.linspace(-0.5, 0.5, 51)
     points = np.stack(np.meshgrid(x, y, indexing="ij"), -1)
     cause = np.where(allowed(points), Feasibility.FEASIBLE, Feasibility.OUT_OF_REACH)
-    return TableFeasibility(arm_setting("ur5"), x, y, cause)
+    return TableFeasibility(block_push_arm("ur5"), x, y, cause)
 
 
 @pytest.fixture(scope="module")

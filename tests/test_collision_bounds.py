@@ -47,7 +47,7 @@ def test_every_vertex_is_inside_its_sphere_and_the_boxes_above_it(robot):
     assert checked > model.body_bvhnum.sum() / 2
 
 
-@pytest.mark.parametrize("robot, arm", [("ur3", {"base": (0.14, 0.0, 0.0)}), ("ur10", {"wrist": "out"})])
+@pytest.mark.parametrize("robot, arm", [("ur3", {"base": (0.14, 0.0, 0.0)}), ("ur10", {"branch": "wrist_out"})])
 def test_states_and_contacts_are_those_of_loose_bounds_to_the_last_bit_also_where_links_touch(robot, arm):
     runs = []
     for tight in (True, False):

@@ -1,46 +1,48 @@
 """Where the tool can be held upright agrees with closed forms, moves with the base, and says what binds."""
 
 import functools
+import xml.etree.ElementTree as ET
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from envs.arm.arms import HEIGHT, arm_setting, make_kinematics, start_posture
 from envs.arm.feasibility import Feasibility, table_feasibility
 from envs.arm.inverse_kinematics import MAX_TURN
+from envs.arm.place_arm import other_branches
+from envs.arm.placed_arm import start_posture
+from envs.block_push.arm import block_push_arm
 from envs.block_push.scene import START
-from envs.block_push.workspace import WORKSPACE
+from envs.block_push.workspace import HEIGHT, POSES, WORKSPACE
 from richmap.motion.closed_form import branches
 from richmap.motion.collision import self_collision
-from richmap.robots.robots import load_robot
 
 RINGS = {
-    ("ur3", "out"): (0.225, 0.554),
-    ("ur3", "in"): (0.155, 0.387),
-    ("ur5", "out"): (0.235, 0.915),
-    ("ur5", "in"): (0.15, 0.727),
-    ("ur10", "out"): (0.305, 1.31),
-    ("ur10", "in"): (0.215, 1.08),
+    ("ur3", "wrist_out"): (0.225, 0.554),
+    ("ur3", "wrist_in"): (0.155, 0.387),
+    ("ur5", "wrist_out"): (0.235, 0.915),
+    ("ur5", "wrist_in"): (0.15, 0.727),
+    ("ur10", "wrist_out"): (0.305, 1.31),
+    ("ur10", "wrist_in"): (0.215, 1.08),
 }
 """Distances from the base axis, in [m], between which an arm holds its tool upright without self-collision; a box that
 starts at x = .15 m does not show what is nearer."""
 
 
 @functools.cache
-def usual_table(robot, wrist):
-    return table_feasibility(arm_setting(robot, wrist=wrist), 0.04, WORKSPACE)
+def usual_table(robot, branch):
+    arm = block_push_arm(robot, branch=branch)
+    return table_feasibility(arm, 0.04, WORKSPACE, HEIGHT, other_branches(arm, POSES))
 
 
 def radii(table):
     points = np.stack(np.meshgrid(table.x, table.y, indexing="ij"), -1)
-    return np.linalg.norm(points - np.array(table.setting.base[:2]), axis=-1)
+    return np.linalg.norm(points - np.array(table.arm.base[:2]), axis=-1)
 
 
 def closed_form_feasible(setting, table):
     """Free solutions with the elbow up, the arm turned to the point and the wrist as the setting wants it."""
-    robot, kinematics = load_robot(setting.robot), make_kinematics(setting)
+    robot, inside = setting.description, setting.posture[4] > 0  # The joint that turns the wrist about, a quarter.
     points = np.stack(np.meshgrid(table.x, table.y, indexing="ij"), -1).reshape(-1, 2) - np.array(setting.base[:2])
     tool_down = np.tile(np.diag([-1.0, 1.0, -1.0]), (len(points), 1, 1))
     joints, found = branches(robot, np.column_stack([points, np.full(len(points), HEIGHT)]), tool_down)
@@ -48,7 +50,7 @@ def closed_form_feasible(setting, table):
     joints = (joints[of, branch] + np.pi) % (2 * np.pi) - np.pi
     ahead = np.cos(joints[:, 0] - np.arctan2(*points[of, ::-1].T)) > 0
     up = joints[:, 2] > 0
-    wrist = np.array([kinematics.wrist(q) == setting.wrist for q in joints])
+    wrist = (joints[:, 4] > 0) == inside
     feasible = np.zeros(len(points), dtype=bool)
     feasible[of[ahead & up & wrist & ~self_collision(robot)(joints)]] = True
     return feasible.reshape(table.cause.shape)
@@ -57,7 +59,7 @@ def closed_form_feasible(setting, table):
 @pytest.mark.parametrize("branch", RINGS)
 def test_it_agrees_with_the_closed_form_solutions(branch):
     table = usual_table(*branch)
-    different = table.feasible != closed_form_feasible(table.setting, table)
+    different = table.feasible != closed_form_feasible(table.arm, table)
     to_edge = np.abs(radii(table)[..., None] - RINGS[branch]).min(-1)
     assert (to_edge[different] < 0.006).all()
 
@@ -71,7 +73,11 @@ def test_an_arm_that_turns_freely_reaches_a_ring(branch):
 
 
 def test_the_cause_is_what_binds():
-    ur3, turned, ur10 = usual_table("ur3", "out"), usual_table("ur3", "in"), usual_table("ur10", "out")
+    ur3, turned, ur10 = (
+        usual_table("ur3", "wrist_out"),
+        usual_table("ur3", "wrist_in"),
+        usual_table("ur10", "wrist_out"),
+    )
     assert set(ur3.cause[radii(ur3) > 0.56]) == {Feasibility.OUT_OF_REACH}
     inner = (radii(ur10) > 0.23) & (radii(ur10) < 0.30)
     assert set(ur10.cause[inner]) == {Feasibility.SELF_COLLISION}
@@ -79,17 +85,19 @@ def test_the_cause_is_what_binds():
 
 
 def test_where_nothing_binds_nothing_but_reach_and_branch_is_a_cause():
-    table = table_feasibility(arm_setting("ur10", "original"), 0.04, WORKSPACE)
+    arm = block_push_arm("ur10", "original")
+    table = table_feasibility(arm, 0.04, WORKSPACE, HEIGHT, other_branches(arm, POSES))
     assert set(np.unique(table.cause)) <= {Feasibility.FEASIBLE, Feasibility.OUT_OF_REACH, Feasibility.WRONG_BRANCH}
-    assert table.feasible.sum() > usual_table("ur10", "out").feasible.sum()
+    assert table.feasible.sum() > usual_table("ur10", "wrist_out").feasible.sum()
 
 
-def test_joint_limits_are_told_from_reach(monkeypatch):
+def test_joint_limits_are_told_from_reach():
     """An elbow that bends no further than a right angle keeps the arm from what is near."""
-    robot = load_robot("ur3")
-    upper = np.where(np.arange(6) == 2, np.pi / 2, robot.upper)
-    monkeypatch.setattr("envs.arm.feasibility.load_robot", lambda name: SimpleNamespace(lower=robot.lower, upper=upper))
-    table = table_feasibility(arm_setting("ur3", self_collision=False), 0.05, WORKSPACE)
+    arm = block_push_arm("ur3", self_collision=False)
+    root = ET.fromstring(arm.description.urdf)
+    root.find("joint[@name='elbow_joint']/limit").set("upper", str(np.pi / 2))
+    stiff = replace(arm, description=replace(arm.description, urdf=ET.tostring(root, encoding="unicode")))
+    table = table_feasibility(stiff, 0.05, WORKSPACE, HEIGHT)
     near = (radii(table) > 0.24) & (radii(table) < 0.30)
     assert set(table.cause[near]) == {Feasibility.JOINT_LIMIT}
     assert table.feasible[(radii(table) > 0.5) & (radii(table) < 0.55)].all()
@@ -98,17 +106,17 @@ def test_joint_limits_are_told_from_reach(monkeypatch):
 def test_moving_base_and_box_together_changes_nothing():
     shift = np.array([0.03, -0.05])
     box = np.array([[0.15, -0.4], [0.65, 0.4]])
-    here = table_feasibility(arm_setting("ur3"), 0.05, box)
-    there = table_feasibility(arm_setting("ur3", base=(*shift, 0.0)), 0.05, box + shift)
+    here = table_feasibility(block_push_arm("ur3"), 0.05, box, HEIGHT)
+    there = table_feasibility(block_push_arm("ur3", base=(*shift, 0.0)), 0.05, box + shift, HEIGHT)
     assert np.array_equal(here.cause, there.cause)
 
 
 def test_an_arm_that_goes_there_in_short_steps_arrives_where_it_is_feasible_and_only_there():
-    setting = arm_setting("ur3", base=(0.05, 0.0, 0.0))
-    table = table_feasibility(setting, 0.05, WORKSPACE)
-    kinematics = make_kinematics(setting)
+    setting = block_push_arm("ur3", base=(0.05, 0.0, 0.0))
+    table = table_feasibility(setting, 0.05, WORKSPACE, HEIGHT)
+    kinematics = setting.kinematics()
     rng = np.random.default_rng(0)
-    start = start_posture(kinematics, setting, START)
+    start = start_posture(setting, kinematics, POSES.start)
     for i, j in rng.integers(0, table.cause.shape, (12, 2)):
         goal, joints = np.array([table.x[i], table.y[j]]), start
         way = np.linspace(START, (0.3, 0.0), 41)[1:], np.linspace((0.3, 0.0), goal, 41)[1:]
@@ -124,7 +132,7 @@ def test_an_arm_that_goes_there_in_short_steps_arrives_where_it_is_feasible_and_
 
 
 def test_clearance_is_the_distance_to_the_edge():
-    table = usual_table("ur3", "out")
+    table = usual_table("ur3", "wrist_out")
     radius = np.linspace(0.4, 0.7, 31)
     points = radius[:, None] * np.array([np.cos(0.5), np.sin(0.5)])
     assert table.clearance(points) == pytest.approx(0.554 - radius, abs=0.03)
@@ -132,7 +140,7 @@ def test_clearance_is_the_distance_to_the_edge():
 
 
 def test_where_all_or_nothing_is_feasible_no_edge_is_near():
-    table = table_feasibility(arm_setting("ur5", "original"), 0.1, WORKSPACE)
+    table = table_feasibility(block_push_arm("ur5", "original"), 0.1, WORKSPACE, HEIGHT)
     assert table.feasible.all() and (table.clearance(np.array([[0.4, 0.0]])) > 0.5).all()
     nothing = replace(table, cause=np.full_like(table.cause, Feasibility.OUT_OF_REACH))
     assert (nothing.clearance(np.array([[0.4, 0.0]])) < -0.5).all()
@@ -140,4 +148,4 @@ def test_where_all_or_nothing_is_feasible_no_edge_is_near():
 
 def test_a_spacing_that_is_none_is_refused():
     with pytest.raises(ValueError, match="spacing must be above 0 and at most 0.55 m.*Got 0"):
-        table_feasibility(arm_setting("ur3"), 0.0, WORKSPACE)
+        table_feasibility(block_push_arm("ur3"), 0.0, WORKSPACE, HEIGHT)

@@ -142,7 +142,7 @@ SIMULATED = {  # Robot, its setting, the scene, and where the command goes.
     "outer_reach": ("ur3", {}, None, (0.65, 0.0)),
     "near_base_fold": ("ur10", {"setting": "original", "base": (0.1, 0.0, 0.0)}, None, (0.16, 0.0)),
     "joint_limit": ("ur3", {"self_collision": False, "base": (0.05, 0.0, 0.0)}, None, (0.15, 0.0)),
-    "self_collision": ("ur10", {"wrist": "out"}, None, (0.25, 0.0)),
+    "self_collision": ("ur10", {"branch": "wrist_out"}, None, (0.25, 0.0)),
     "ik_branch": ("ur5", {"setting": "original", "base": (0.25, 0.0, 0.0)}, None, (0.15, 0.2)),  # Past the base.
     "arm_blocked": ("ur3", {"setting": "original", "base": (0.14, 0.0, 0.0)}, None, (0.15, 0.2)),  # Elbow on the table.
     "tool_tilt": ("ur3", {"orientation_weight": 0.01}, None, (0.65, 0.0)),

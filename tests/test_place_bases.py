@@ -8,15 +8,16 @@ import pytest
 from benchmark.studies.place_bases import (
     PLACES_X,
     PLACES_Y,
+    CandidateBases,
     PlaceBasesConfig,
-    PlacedArm,
     directions,
     draw,
     feasible_share,
     markdown,
 )
-from envs.arm.arms import ARMS, SETTINGS, make_kinematics, start_posture
-from envs.block_push.scene import START
+from envs.arm.placed_arm import start_posture
+from envs.block_push.arm import block_push_arm
+from envs.block_push.workspace import POSES
 from richmap.maps.base_placement import BasePlacement
 
 pytestmark = pytest.mark.system
@@ -33,7 +34,7 @@ def placed():
     line = dict.fromkeys(np.flatnonzero(BASES[:, 1] == 0).tolist(), 0.5)
     shares = {"out": line | {HERE: 0.8, THERE: 0.97}, "in": line | {HERE: 0.9, THERE: 0.3}}
     path = np.random.default_rng(0).uniform([0.2, -0.4, 0.06], [0.5, 0.2, 0.06], (30, 3))
-    return PlacedArm("ur3", BasePlacement(BASES, np.minimum(1, score + 0.05), score), path, shares)
+    return CandidateBases("ur3", BasePlacement(BASES, np.minimum(1, score + 0.05), score), path, shares)
 
 
 def test_of_places_that_score_alike_the_one_that_a_branch_can_do_is_chosen(placed):
@@ -60,11 +61,11 @@ def test_directions_are_unit_vectors_near_down():
 
 def test_a_ur3_does_more_of_a_path_that_is_nearer():
     path = np.column_stack([np.linspace(0.3, 0.6, 20), np.zeros(20), np.full(20, 0.06)])
-    shares = [feasible_share("ur3", "out", (x, 0.0, 0.0), path) for x in (0.0, 0.06)]
+    shares = [feasible_share("ur3", "wrist_out", (x, 0.0, 0.0), path) for x in (0.0, 0.06)]
     assert shares[0] == pytest.approx(17 / 20) and shares[1] == 1.0
 
 
-@pytest.mark.parametrize("robot", ARMS)
+@pytest.mark.parametrize("robot", ("xarm6", "ur3", "ur5", "ur10"))
 def test_every_arm_can_start_where_it_stands_best(robot):
-    setting = SETTINGS["best"][robot]
-    start_posture(make_kinematics(setting), setting, START)
+    arm = block_push_arm(robot, "best")
+    start_posture(arm, arm.kinematics(), POSES.start)

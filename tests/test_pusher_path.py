@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from envs.arm.arms import arm_setting
 from envs.arm.feasibility import Feasibility, TableFeasibility
+from envs.block_push.arm import block_push_arm
 from envs.block_push.pusher_path import KEEP_OFF, is_free, next_point
 
 
@@ -14,7 +14,7 @@ def table():
     x, y = np.linspace(0.15, 0.70, 56), np.linspace(-0.5, 0.5, 101)
     radius = np.linalg.norm(np.stack(np.meshgrid(x, y, indexing="ij"), -1), axis=-1)
     cause = np.where((radius > 0.3) & (radius < 0.55), Feasibility.FEASIBLE, Feasibility.OUT_OF_REACH)
-    return TableFeasibility(arm_setting("ur3"), x, y, cause)
+    return TableFeasibility(block_push_arm("ur3"), x, y, cause)
 
 
 def walk(table, start, end, blocks):

@@ -7,7 +7,7 @@ import gymnasium
 import pytest
 
 import envs
-from envs.arm.arms import arm_setting
+from envs.block_push.arm import block_push_arm
 from envs.block_push.oracle import run_oracle
 from envs.block_push.task import BLOCK_PUSH
 from envs.task import Change, play_oracle
@@ -55,7 +55,7 @@ def test_a_line_of_history_raises_the_version_of_the_settings_that_it_names():
 
 
 def test_an_oracle_plays_the_same_episode_through_the_task_as_by_itself():
-    arm = arm_setting("xarm6")
+    arm = block_push_arm("xarm6")
     infos = play_oracle(BLOCK_PUSH.make(arm), 100_003, BLOCK_PUSH.oracle("plain")(arm))
     assert BLOCK_PUSH.summarize(infos) == BLOCK_PUSH.summarize(
         run_oracle(gymnasium.make(envs.ENVIRONMENTS["xarm6"]), 100_003)

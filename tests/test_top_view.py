@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from benchmark.studies.top_view import _at_height, slope_over_table, top_view_figure
-from envs.arm.arms import HEIGHT, arm_setting
+from envs.block_push.arm import block_push_arm
+from envs.block_push.workspace import HEIGHT
 from richmap.geometry.grid import Grid
 from richmap.similarity.energy import EnergyField
 from richmap.similarity.similarity import similarity
@@ -18,7 +19,7 @@ def test_arms_stand_side_by_side_with_their_base_and_the_papers_rectangles(sampl
     source = sampled_map("xarm6", GRID, 20_000)
     drawn = []
     for name in ("ur3", "ur5"):
-        arm = arm_setting(name, "best")
+        arm = block_push_arm(name, "best")
         target = sampled_map(name, GRID.moved(np.array(arm.base)), 20_000)
         energy = EnergyField(GRID, np.add.outer(GRID.axes()[0] ** 2, np.zeros((20, 20))), {})
         drawn.append((arm, similarity(source, target, arm.base), energy))

@@ -1,6 +1,5 @@
 """How far from the border of what an arm can hold, over the table; from the cache, made on first use."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,7 +8,7 @@ import numpy as np
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from envs.arm.arms import ArmSetting
+    from envs.arm.placed_arm import PlacedArm
     from richmap.similarity.signed_distance import SignedDistanceField
 
 VERSION = 1
@@ -20,24 +19,22 @@ BOX = ((-0.2, -0.7), (0.9, 0.7))
 """Centres of its first and last cells, xy in [m]: the workspace, and as far beyond it as a chunk of actions goes."""
 
 
-def distance_field(arm: "ArmSetting", console: "Console") -> tuple["SignedDistanceField", Path]:
+def distance_field(arm: "PlacedArm", console: "Console") -> tuple["SignedDistanceField", Path]:
     """Signed distance to the border of what the arm can hold in its branch (`SignedDistanceField`).
 
     Returns:
         The field, in the world frame, and its file in the cache.
     """
     from benchmark.artifacts.cache import cached, fingerprint
-    from envs.arm.arms import HEIGHT
     from envs.arm.feasibility import table_feasibility
-    from richmap.robots.robots import load_robot
+    from envs.block_push.workspace import HEIGHT
     from richmap.similarity.signed_distance import SignedDistanceField
 
-    inputs = {"arm": asdict(arm), "description": load_robot(arm.robot).fingerprint, "box": BOX, "cell_size": CELL_SIZE}
-    key = fingerprint(inputs | {"version": VERSION}, [])
+    key = fingerprint({"arm": arm.numbers(), "box": BOX, "cell_size": CELL_SIZE, "version": VERSION}, [])
 
     def make() -> SignedDistanceField:
         with console.status(f"Where {arm.robot} can hold its tool over the table"):
-            table = table_feasibility(arm, CELL_SIZE, np.array(BOX))
+            table = table_feasibility(arm, CELL_SIZE, np.array(BOX), HEIGHT)
             origin = (table.x[0] - CELL_SIZE / 2, table.y[0] - CELL_SIZE / 2)
             about = {"target": arm.robot, "fingerprint": key}
             return SignedDistanceField.from_feasible(table.feasible, origin, CELL_SIZE, HEIGHT, arm.base[:2], about)

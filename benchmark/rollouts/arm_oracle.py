@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from benchmark.episodes.table import Condition
-    from envs.arm.arms import ArmSetting
+    from envs.arm.placed_arm import PlacedArm
     from envs.task import Controller, Task
 
 
@@ -22,7 +22,7 @@ class ArmOracle:
     """One of a task's oracles, on an arm."""
 
     task: "Task"
-    arm: "ArmSetting"
+    arm: "PlacedArm"
     oracle: str
     """`plain` or `aware`."""
 
@@ -71,7 +71,7 @@ def _prepared(player: ArmOracle) -> "Callable[[dict[str, Any]], Controller]":
 
 
 @lru_cache(maxsize=2)
-def _environment(task: "Task", arm: "ArmSetting") -> "gymnasium.Env":
+def _environment(task: "Task", arm: "PlacedArm") -> "gymnasium.Env":
     """One environment per worker process, kept from episode to episode."""
     return task.make(arm)
 
@@ -81,10 +81,10 @@ def demonstrated_path(task: "Task", episodes: int, console: "Console") -> "np.nd
     import numpy as np
 
     from benchmark.artifacts.progress import progress_bar
-    from envs.arm.arms import arm_setting
+    from envs.arm.place_arm import place_arm
     from envs.task import play_oracle
 
-    arm = arm_setting(SOURCE)
+    arm = place_arm(SOURCE, task.poses)
     env, make = task.make(arm), task.oracle("plain")(arm)
     with progress_bar(console) as progress:
         seeds = progress.track(range(episodes), description="Demonstrations")

@@ -125,7 +125,7 @@ class Entry:
                 raise SettingError(
                     f"{guidance.file}: {guidance.name}(field, scale, base, seed) raised {type(error).__name__}: {error}"
                 ) from error
-        return Rollout(chosen_task(config.task), condition, checkpoint, path, guidance)
+        return Rollout(chosen_task(config.task), arm, condition, checkpoint, path, guidance)
 
     def _guidance(self, checkpoint: Path) -> GuidanceClass | None:
         """Its class; for a policy of our type one that does nothing, for another none."""

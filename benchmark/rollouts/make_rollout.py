@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import EnergyConfig, MapConfig, RobotConfig, RunConfig
+from benchmark.settings.config import EnergyConfig, MapConfig, RunConfig
 from benchmark.settings.task import chosen_task
 from policies.methods import METHODS
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from benchmark.episodes.table import Condition
     from benchmark.rollouts.rollout import Rollout
-    from envs.arm.arms import ArmSetting
+    from envs.arm.placed_arm import PlacedArm
     from richmap.similarity.load_field import StoredField
 
 
@@ -27,12 +27,12 @@ def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Co
     arm, method = chosen_arm(config), config.method if scale > 0 else "direct"
     field, path = guidance_field(METHODS[method].field, arm, config, console)
     condition = make_condition(config, arm, method, scale, checkpoint, field)
-    return Rollout(chosen_task(config.task), condition, checkpoint, path)
+    return Rollout(chosen_task(config.task), arm, condition, checkpoint, path)
 
 
 def make_condition(
     config: RunConfig,
-    arm: "ArmSetting",
+    arm: "PlacedArm",
     method: str,
     scale: float,
     checkpoint: Path,
@@ -80,17 +80,16 @@ def make_condition(
 
 
 def guidance_field(
-    kind: str | None, arm: "ArmSetting", config: RunConfig, console: "Console"
+    kind: str | None, arm: "PlacedArm", config: RunConfig, console: "Console"
 ) -> tuple["StoredField | None", Path | None]:
     """The field of a kind (`policies.methods.Method.field`) for this arm, and its file; None for None."""
-    return _field(kind, arm, config.robot, config.map, config.energy, config.workers, console)
+    return _field(kind, arm, config.map, config.energy, config.workers, console)
 
 
 @cache
 def _field(
     kind: str | None,
-    arm: "ArmSetting",
-    robot: RobotConfig,
+    arm: "PlacedArm",
     of_map: MapConfig,
     energy: EnergyConfig,
     workers: int,
@@ -101,7 +100,7 @@ def _field(
 
     match kind:
         case "energy":
-            return energy_field(robot.load(), arm.base, of_map, energy, workers, console)
+            return energy_field(arm.description.turned(arm.yaw), arm.base, of_map, energy, workers, console)
         case "feasibility":
             return distance_field(arm, console)
     return None, None

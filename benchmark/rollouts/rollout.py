@@ -10,7 +10,6 @@ import gymnasium
 import numpy as np
 
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
-from benchmark.episodes.arm import arm_of
 from benchmark.episodes.table import Condition, Episode
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.settings.command import SettingError
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
     import torch
 
     from benchmark.rollouts.stock_policy import StockPolicy
-    from envs.arm.arms import ArmSetting
+    from envs.arm.placed_arm import PlacedArm
     from policies.modeling_guided_push import GuidedPushPolicy
 
 
@@ -34,6 +33,7 @@ class Rollout:
     """What is rolled out: a condition, and where its parts lie on this machine."""
 
     task: Task
+    arm: "PlacedArm"
     condition: Condition
     checkpoint: Path
     field: Path | None
@@ -149,7 +149,7 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
     config.device = rollout.condition.device
     if rollout.guidance is None:
         config.guidance, config.guidance_scale = rollout.condition.method, rollout.condition.guidance_scale
-    config.guidance_base = tuple(map(float, rollout.condition.base.split()))[:2]
+    config.guidance_base = rollout.arm.base[:2]
     config.guidance_seed = max(0, rollout.condition.training_seed)
     config.energy_field = None if rollout.field is None else str(rollout.field)
     config.noise_scheduler_type = rollout.condition.sampler
@@ -174,11 +174,11 @@ def _shapes(task: Task) -> dict[str, tuple[int, ...]]:
 
 def _environment(rollout: Rollout, slot: int, render: bool) -> gymnasium.Env:
     """The environment of a row; kept from batch to batch, also of other conditions on the same arm."""
-    return _arm_environment(rollout.task, arm_of(rollout.condition.row()), slot, render)
+    return _arm_environment(rollout.task, rollout.arm, slot, render)
 
 
 @lru_cache(maxsize=64)
-def _arm_environment(task: Task, arm: "ArmSetting", slot: int, render: bool) -> gymnasium.Env:
+def _arm_environment(task: Task, arm: "PlacedArm", slot: int, render: bool) -> gymnasium.Env:
     return task.make(arm, render_mode="rgb_array" if render else None)
 
 

@@ -117,7 +117,7 @@ def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> 
     energy = row["method"] in METHODS and METHODS[row["method"]].field == "energy"
     arm = ArmConfig(
         base=[float(x) for x in row["base"].split()],
-        wrist=row["branch"],
+        branch=f"wrist_{row['branch']}" if row["branch"] in ("out", "in") else row["branch"],
         self_collision=row["self_collision"],
         orientation_weight=row["orientation_weight"],
     )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.episodes.arm import ARM, arm_of, of_arm
+from benchmark.episodes.arm import ARM, usual_columns
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import FIRST_TEST_SEED, TASK_ARMS, RunConfig
 
@@ -182,13 +182,14 @@ def _direct(on_arm: "pd.DataFrame", group: "pd.DataFrame", foreign: bool) -> "pd
 def _to_usual_arm(episodes: "pd.DataFrame", group: "pd.DataFrame", protocol: Protocol) -> dict[str, float]:
     """Difference of direct transfer on an arm that stands or holds its tool otherwise to that on the arm of the setting
     embodied; NaN for all else."""
+    import pandas as pd
+
     from benchmark.scoring.statistics import clustered_difference, sign_flip_p_value
-    from envs.arm.arms import arm_setting
 
     first, alike = group.iloc[0], ["robot", "method", "code_version", *SAMPLING]
-    usual = arm_setting(first.robot, "embodied")
-    common = of_arm(episodes[(episodes[alike] == first[alike]).all(axis=1)], usual)
-    if replace(arm_of(first), name=usual.name) == usual or first.method != "direct":
+    usual = pd.Series(usual_columns(first.robot, "embodied"))
+    common = episodes[(episodes[alike] == first[alike]).all(axis=1) & (episodes[usual.index] == usual).all(axis=1)]
+    if (first[usual.index].drop("setting") == usual.drop("setting")).all() or first.method != "direct":
         common = common[:0]
     pairs = group.merge(common, on=["checkpoint_hash", "episode_seed"], suffixes=("", "_common"))
     row: dict[str, float] = {}

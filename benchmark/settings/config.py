@@ -14,7 +14,7 @@ from benchmark.settings.recipe import USUAL, check_recipe
 from benchmark.settings.setting import SettingError, check_setting
 from benchmark.settings.task import chosen_task
 from policies.methods import METHODS
-from richmap.robots.robots import ROBOTS
+from richmap.robots import ROBOTS
 from richmap.similarity.energy_settings import CHOICES, EnergySettings
 
 if TYPE_CHECKING:
@@ -24,13 +24,13 @@ SOURCE = "xarm6"
 """The arm that policies are trained on; its base frame is the world frame."""
 
 TASK_ARMS = ("xarm6", "ur3", "ur5", "ur10")
-"""The arms that do the block-push task (`envs.arm.arms.ARMS`)."""
+"""The paper's arms, which the leaderboard ranks; the source comes first."""
 
 FIRST_TEST_SEED = 100_000
 """Episodes from this seed on are for final tables only, those from 50000 to 59999 for every choice."""
 
 SETTINGS = ("original", "embodied", "best")
-"""What an arm may do and where it stands (`envs.arm.arms.SETTINGS`)."""
+"""What an arm may do and where it stands (`envs.arm.place_arm.BINDS`)."""
 
 ORACLE_METHODS = {"plain": "plain_oracle", "aware": "aware_oracle"}
 """Scripted oracles (`envs.block_push.oracle`, `envs.block_push.aware_oracle`), and what stands in the column `method`
@@ -169,8 +169,11 @@ class ArmConfig:
 
     base: list[float] | None = None
     """Position of the arm's base in the world (the xArm6's base frame), [x,y,z] in m; null for the setting's."""
-    wrist: str | None = None
-    """Branch of the wrist, out or in; null for the setting's."""
+    yaw: float | None = None
+    """Turn of the arm's base about the vertical, in rad, from -pi to pi; null for the setting's."""
+    branch: str | None = None
+    """Way of holding the tool: one that the arm's file names (a UR's wrist_out or wrist_in), or found (the best that is
+    found); null for the setting's."""
     self_collision: bool | None = None
     """Whether links collide with each other, true or false; null for the setting's."""
     orientation_weight: float | None = None
@@ -181,7 +184,8 @@ class ArmConfig:
         if base is not None:
             near = len(base) == 3 and all(abs(x) <= 1 for x in base)
             check_setting(near, "arm.base", base, "[x,y,z] in m, each from -1 to 1")
-        check_setting(self.wrist in (None, "out", "in"), "arm.wrist", self.wrist, "out, in, null")
+        near = self.yaw is None or abs(self.yaw) <= math.pi
+        check_setting(near, "arm.yaw", self.yaw, "a number from -pi to pi")
         if weight is not None:
             check_setting(0 < weight < math.inf, "arm.orientation_weight", weight, "a number above 0")
 
@@ -211,8 +215,8 @@ class WandbConfig:
 class RunConfig:
     """Rolls out the xArm6's policy on an arm, without guidance and with it, on the same episodes, and compares."""
 
-    robot: RobotConfig = robot_field("ur3", TASK_ARMS)
-    """Arm that acts: xarm6 (the source itself), ur3, ur5 or ur10."""
+    robot: RobotConfig = robot_field("ur3")
+    """Arm that acts: one that ships (xarm6 is the source itself), or custom."""
     task: str = "block_push"
     """What is to be done: block_push, or a task of your own as module:NAME (an `envs.task.Task`; its code is run)."""
     guidance_scale: float | None = 0.0
@@ -244,9 +248,9 @@ class RunConfig:
     seed and checkpoint pick. One that is not of type guided_push samples as it was saved (not by sampler), and only
     with lambda=0."""
     setting: str = "embodied"
-    """What the arm may do: embodied (joint limits and self-collision bind, wrist branch per arm) or original (neither
-    binds, wrist-out, as where only the arm is swapped in the original task) or best (as embodied, base and wrist where
-    benchmark.studies.place_bases finds the arm to reach the most)."""
+    """What the arm may do: embodied (joint limits and self-collision bind) or original (neither does, as where only the
+    arm is swapped in the original task) or best (as embodied, with the base where benchmark.studies.place_bases finds
+    the arm to reach the most)."""
     scales_dir: str = "results/scales"
     """With lambda=null: the folder that benchmark.scales wrote its episodes to."""
     output_dir: str = "results"
@@ -271,7 +275,6 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         chosen_task(self.task)
-        check_setting(self.robot.name in TASK_ARMS, "robot", self.robot.name, ", ".join(TASK_ARMS))
         scale = self.guidance_scale
         check_setting(self.method in METHODS, "method", self.method, ", ".join(METHODS))
         if scale is not None:
@@ -299,7 +302,7 @@ class RunConfig:
 class OracleConfig:
     """Rolls out the scripted oracle on an arm: what the task allows there without a learned policy."""
 
-    robot: RobotConfig = robot_field("ur3", TASK_ARMS)
+    robot: RobotConfig = robot_field("ur3")
     """Arm: xarm6, ur3, ur5 or ur10."""
     task: str = "block_push"
     """What is to be done: block_push, or a task of your own as module:NAME (an `envs.task.Task`; its code is run)."""
@@ -320,7 +323,6 @@ class OracleConfig:
 
     def __post_init__(self) -> None:
         chosen_task(self.task)
-        check_setting(self.robot.name in TASK_ARMS, "robot", self.robot.name, ", ".join(TASK_ARMS))
         for name in ("episodes", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         check_seeds(self.seed_start, self.episodes)

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import Console
 
-    from envs.arm.arms import ArmSetting
     from envs.arm.feasibility import TableFeasibility
+    from envs.arm.placed_arm import PlacedArm
 
 BASE_X = np.round(np.arange(-0.04, 0.141, 0.02), 2)
 """Base positions of the figure, in [m]; y and z are the common base's."""
@@ -85,7 +85,7 @@ class OracleCondition:
 
     change: str
     """What differs from the setting; empty for the setting itself."""
-    arm: "ArmSetting"
+    arm: "PlacedArm"
     oracle: str
     """`plain` or `aware`."""
 
@@ -102,11 +102,10 @@ class OracleCondition:
     @property
     def can_start(self) -> bool:
         """Whether the arm can hold its tool over the task's start."""
-        from envs.arm.arms import make_kinematics, start_posture
-        from envs.block_push.scene import START
+        from envs.arm.placed_arm import start_posture
 
         try:
-            start_posture(make_kinematics(self.arm), self.arm, START)
+            start_posture(self.arm, self.arm.kinematics(), BLOCK_PUSH.poses.start)
         except ValueError:
             return False
         return True
@@ -137,24 +136,26 @@ def main(config: ArmsConfig) -> None:
 
 def arm_conditions(robot: str, changed: list[str]) -> list[OracleCondition]:
     """The settings with both oracles, and for the plain one single changes of the settings in `changed`."""
-    from envs.arm.arms import POSTURES, arm_setting
+    from envs.arm.place_arm import other_branches
+    from envs.block_push.arm import block_push_arm
 
     conditions = []
     for setting in SETTINGS:
-        arm = arm_setting(robot, setting)
+        arm = block_push_arm(robot, setting)
         conditions += [OracleCondition("", arm, oracle) for oracle in ORACLES]
         if setting not in changed:
             continue
-        wrists = [wrist for name, wrist in POSTURES if name == robot and wrist != arm.wrist]
         weights = [arm.orientation_weight * factor for factor in WEIGHTS]
         bases = [(float(x), 0.0, 0.0) for x in BASE_X if (float(x), 0.0, 0.0) != arm.base]
+        bumping = replace(arm, self_collision=not arm.self_collision)
         changes = [
-            *((f"wrist {wrist}", {"wrist": wrist}) for wrist in wrists),
-            (f"self-collision {'off' if arm.self_collision else 'on'}", {"self_collision": not arm.self_collision}),
-            *((f"orientation weight {weight:g}", {"orientation_weight": weight}) for weight in weights),
-            *((f"base x {base[0]:+.2f}", {"base": base}) for base in bases if setting != "best"),
+            *((other.branch.replace("_", " "), other) for other in other_branches(arm, BLOCK_PUSH.poses)),
+            (f"self-collision {'off' if arm.self_collision else 'on'}", bumping),
+            *((f"orientation weight {weight:g}", replace(arm, orientation_weight=weight)) for weight in weights),
         ]
-        conditions += [OracleCondition(text, replace(arm, **change), "plain") for text, change in changes]
+        if setting != "best":
+            changes += [(f"base x {base[0]:+.2f}", block_push_arm(robot, setting, base=base)) for base in bases]
+        conditions += [OracleCondition(text, other, "plain") for text, other in changes]
     return conditions
 
 
@@ -180,7 +181,7 @@ def play_missing(conditions: list[OracleCondition], config: ArmsConfig, console:
         played = play_all([(condition.player, part) for condition, part in chunks], config.workers)
         for (condition, part), outcomes in zip(chunks, played, strict=True):
             progress.update(
-                task, description=f"{condition.oracle} oracle on {condition.arm.robot}, {condition.arm.name}"
+                task, description=f"{condition.oracle} oracle on {condition.arm.robot}, {condition.arm.setting}"
             )
             rows = [{"episode_seed": seed, **asdict(x)} for seed, x in zip(part, outcomes, strict=True)]
             table = pd.DataFrame(rows).drop(columns=["path_x", "path_y"]).assign(**condition.columns)
@@ -214,11 +215,13 @@ def store(file: Path, episodes: "pd.DataFrame") -> None:
 
 def feasibility_table(robot: str, setting: str, spacing: float) -> "TableFeasibility":
     """Where the arm can hold its tool upright in this setting."""
-    from envs.arm.arms import arm_setting
     from envs.arm.feasibility import table_feasibility
-    from envs.block_push.workspace import WORKSPACE
+    from envs.arm.place_arm import other_branches
+    from envs.block_push.arm import block_push_arm
+    from envs.block_push.workspace import HEIGHT, WORKSPACE
 
-    return table_feasibility(arm_setting(robot, setting), spacing, WORKSPACE)
+    arm = block_push_arm(robot, setting)
+    return table_feasibility(arm, spacing, WORKSPACE, HEIGHT, other_branches(arm, BLOCK_PUSH.poses))
 
 
 TEXT = """# What the arms allow
@@ -269,11 +272,11 @@ def table_row(episodes: "pd.DataFrame", condition: OracleCondition) -> dict[str,
 
     arm, rows = condition.arm, rows_of(episodes, condition)
     row = {
-        "setting": arm.name,
+        "setting": arm.setting,
         "change": condition.change,
         "oracle": condition.oracle,
         "base x, y": f"{arm.base[0]:g}, {arm.base[1]:g}",
-        "branch": arm.wrist,
+        "branch": arm.branch,
         "n": str(len(rows)),
     }
     shown = {"p1": "p1", "p2": "p2", "score": "mean_score", "success_at_end": "success_at_end"}
@@ -293,24 +296,24 @@ def draw_base_x(episodes: "pd.DataFrame", conditions: list[OracleCondition]) -> 
     from benchmark.scoring.statistics import rate_interval
 
     moved = [c for c in conditions if c.oracle == "plain" and c.change.startswith("base")]
-    settings = list(dict.fromkeys(condition.arm.name for condition in moved))
+    settings = list(dict.fromkeys(condition.arm.setting for condition in moved))
     robots = list(dict.fromkeys(condition.arm.robot for condition in moved))
     figure = Figure(figsize=(5.2 * len(settings), 4.2), layout="constrained")
     for ax, setting in zip(figure.subplots(1, len(settings), squeeze=False, sharey=True)[0], settings, strict=True):
         for colour, robot in enumerate(robots):
             points = []
             usual = [c for c in conditions if not c.change and c.oracle == "plain"]
-            for condition in (c for c in [*usual, *moved] if (c.arm.robot, c.arm.name) == (robot, setting)):
+            for condition in (c for c in [*usual, *moved] if (c.arm.robot, c.arm.setting) == (robot, setting)):
                 values = rows_of(episodes, condition).p2.to_numpy(dtype=float)
-                wrist = condition.arm.wrist
+                branch = condition.arm.branch.replace("_", " ")
                 if len(values):
                     points.append((condition.arm.base[0], values.mean(), *rate_interval(values)))
             if not points:
                 continue
             x, p2, low, high = np.array(sorted(points)).T
-            ax.plot(x, 100 * p2, "o-", color=f"C{colour}", label=f"{robot}, wrist {wrist}, plain oracle")
+            ax.plot(x, 100 * p2, "o-", color=f"C{colour}", label=f"{robot}, {branch}, plain oracle")
             ax.fill_between(x, 100 * low, 100 * high, color=f"C{colour}", alpha=0.15)
-            if robot in RING_MODEL and wrist == "out":
+            if robot in RING_MODEL and branch == "wrist out":
                 ring = zip(*RING_MODEL[robot].items(), strict=True)
                 ax.plot(*ring, "s:", color=f"C{colour}", label=f"{robot}, wrist out, ring model")
         ax.set(title=f"setting {setting}", xlabel="base x [m], towards the table", ylabel="p2 [%]", ylim=(0, 102))
@@ -329,12 +332,14 @@ def draw_tables(tables: "list[TableFeasibility]", path: np.ndarray) -> "Figure":
     figure = Figure(figsize=(3.4 * len(tables) + 0.6, 5.2), layout="constrained")
     colours = ListedColormap([FEASIBLE_COLOURS[cause.name] for cause in Feasibility])
     for ax, table in zip(figure.subplots(1, len(tables), squeeze=False)[0], tables, strict=True):
-        arm = table.setting
+        arm = table.arm
         ax.pcolormesh(table.x, table.y, table.cause.T, cmap=colours, vmin=-0.5, vmax=len(Feasibility) - 0.5)
         ax.plot(*path[:, :2].T, ".", color="tab:blue", ms=1, alpha=0.4)
         share = 100 * (table.clearance(path[:, :2]) > 0).mean()
         ax.plot(*arm.base[:2], "k^", ms=8)
-        ax.set(title=f"{arm.robot} {arm.name}, wrist {arm.wrist}\n{share:.1f} % of the path feasible", aspect="equal")
+        ax.set(
+            title=f"{arm.robot} {arm.setting}, branch {arm.branch}\n{share:.1f} % of the path feasible", aspect="equal"
+        )
         ax.set(xlabel="x [m]", ylabel="y [m]", xlim=(-0.12, table.x[-1]), ylim=(table.y[0], table.y[-1]))
     patches = [
         Patch(facecolor=FEASIBLE_COLOURS[cause.name], edgecolor="0.5", label=cause.name.lower().replace("_", " "))

@@ -60,7 +60,7 @@ class PlaceBasesConfig:
 
 
 @dataclass(frozen=True)
-class PlacedArm:
+class CandidateBases:
     """What the map says about each place for an arm's base, and what the arm in its branches does about the path."""
 
     robot: str
@@ -108,23 +108,23 @@ def main(config: PlaceBasesConfig) -> None:
     console.print(f"Table: {output_dir / 'base_placement.md'}, figure: {figure}", soft_wrap=True)
 
 
-def place(of_arm: "ReachabilityMap", path: np.ndarray, margin: float, console: "Console") -> PlacedArm:
+def place(of_arm: "ReachabilityMap", path: np.ndarray, margin: float, console: "Console") -> CandidateBases:
     """Score all candidates by the map, and the shortlist and those along x by feasibility in each branch."""
     from benchmark.artifacts.progress import progress_bar
-    from envs.arm.arms import POSTURES
     from richmap.maps.base_placement import place_base
+    from richmap.robots.robots import robot_file
 
     robot = of_arm.construction.robot
     bases = np.array([(x, y, 0.0, 0.0) for x, y in product(PLACES_X, PLACES_Y)])
     with console.status(f"Scoring {len(bases)} places of {robot}"):
         towards = np.tile(directions(), (len(path), 1))
         placement = place_base(of_arm, np.repeat(path, len(directions()), axis=0), towards, bases, margin)
-    arm = PlacedArm(robot, placement, path, {wrist: {} for name, wrist in POSTURES if name == robot})
+    arm = CandidateBases(robot, placement, path, {branch: {} for branch in [*robot_file(robot).branches] or ["found"]})
     asked = sorted({*arm.shortlist.tolist(), *np.flatnonzero(bases[:, 1] == 0).tolist()})
     with progress_bar(console) as progress:
         for candidate in progress.track(asked, description=f"Feasibility of {robot}"):
-            for wrist, shares in arm.shares.items():
-                shares[candidate] = feasible_share(robot, wrist, tuple(bases[candidate, :3]), path)
+            for branch, shares in arm.shares.items():
+                shares[candidate] = feasible_share(robot, branch, tuple(bases[candidate, :3]), path)
     return arm
 
 
@@ -135,12 +135,17 @@ def directions() -> np.ndarray:
     return np.vstack([[0.0, 0.0, -1.0], tilted])
 
 
-def feasible_share(robot: str, wrist: str, base: tuple[float, float, float], path: np.ndarray) -> float:
+def feasible_share(robot: str, branch: str, base: tuple[float, float, float], path: np.ndarray) -> float:
     """Share of the path's positions over which the arm holds its tool upright in its branch."""
-    from envs.arm.arms import arm_setting
     from envs.arm.feasibility import Feasibility, feasibility
+    from envs.block_push.arm import block_push_arm
+    from envs.block_push.workspace import HEIGHT
 
-    causes = feasibility(arm_setting(robot, base=base, wrist=wrist), path[:, :2])
+    try:
+        arm = block_push_arm(robot, base=base, branch=branch)
+    except ValueError:  # No branch is found from there.
+        return 0.0
+    causes = feasibility(arm, path[:, :2], HEIGHT)
     return float((causes == Feasibility.FEASIBLE).mean())
 
 
@@ -155,7 +160,7 @@ is in the map too. *Out*, *in*: share of the positions over which the arm holds 
 wrist, free of self-collision and within the joint limits.
 
 The map chooses the places that score at least {shortlist:.0f} % of its best; among those the arm in its better branch
-does, and of equal ones the higher score. That is the setting `best` (`envs.arm.arms.BEST_PLACES`).
+does, and of equal ones the higher score. That is the setting `best` (its file in `richmap/robots`).
 
 {table}
 
@@ -167,7 +172,7 @@ The map holds every branch of the arm, while the arm sits in one: its favourite 
 """
 
 
-def markdown(arms: list[PlacedArm], config: PlaceBasesConfig) -> str:
+def markdown(arms: list[CandidateBases], config: PlaceBasesConfig) -> str:
     """The found bases and wrists, and where map and branch differ."""
     import pandas as pd
 
@@ -203,7 +208,7 @@ def markdown(arms: list[PlacedArm], config: PlaceBasesConfig) -> str:
     )  # fmt: skip
 
 
-def draw(arms: list[PlacedArm]) -> "Figure":
+def draw(arms: list[CandidateBases]) -> "Figure":
     """For each arm the score over all places, and along x what the map and the branches say."""
     from matplotlib.figure import Figure
 

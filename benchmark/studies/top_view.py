@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from envs.arm.arms import ArmSetting
+    from envs.arm.placed_arm import PlacedArm
     from richmap.similarity.energy import EnergyField
     from richmap.similarity.similarity import SimilarityGrid
 
@@ -56,17 +56,17 @@ def main(config: TopViewConfig) -> None:
     from rich.console import Console
 
     from benchmark.artifacts.maps import energy_field, robot_map
-    from envs.arm.arms import COMMON_BASE, arm_setting
-    from richmap.robots.robots import load_robot
+    from envs.arm.place_arm import COMMON_BASE
+    from envs.block_push.arm import block_push_arm
     from richmap.similarity.similarity import similarity
 
     console = Console()
-    source = robot_map(load_robot(SOURCE), COMMON_BASE, config.map, config.workers, console)
+    source = robot_map(block_push_arm(SOURCE).description, COMMON_BASE, config.map, config.workers, console)
     drawn = []
     for name in config.robots:
-        arm, robot = arm_setting(name, config.setting), load_robot(name)
-        target = robot_map(robot, arm.base, config.map, config.workers, console)
-        energy, _ = energy_field(robot, arm.base, config.map, config.energy, config.workers, console)
+        arm = block_push_arm(name, config.setting)
+        target = robot_map(arm.description, arm.base, config.map, config.workers, console)
+        energy, _ = energy_field(arm.description, arm.base, config.map, config.energy, config.workers, console)
         drawn.append((arm, similarity(source, target, arm.base, config.energy.scales), energy))
     figure = top_view_figure(drawn)
     file = Path(config.output_dir, "top_view.png")
@@ -75,7 +75,7 @@ def main(config: TopViewConfig) -> None:
     console.print(str(file), soft_wrap=True)
 
 
-def top_view_figure(drawn: "list[tuple[ArmSetting, SimilarityGrid, EnergyField]]") -> "Figure":
+def top_view_figure(drawn: "list[tuple[PlacedArm, SimilarityGrid, EnergyField]]") -> "Figure":
     """Top: MMD to the source of the cells at the flange's height; below: length and direction of the energy's slope.
 
     Args:
@@ -84,7 +84,7 @@ def top_view_figure(drawn: "list[tuple[ArmSetting, SimilarityGrid, EnergyField]]
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
-    from envs.arm.arms import HEIGHT
+    from envs.block_push.workspace import HEIGHT
 
     figure = Figure(figsize=(3.4 * len(drawn) + 1.6, 8.6), layout="constrained")
     panels = figure.subplots(2, len(drawn), squeeze=False, sharex=True, sharey=True)
@@ -138,7 +138,7 @@ def slope_over_table(energy: "EnergyField", height: float) -> tuple[np.ndarray, 
     return xy, energy.gradient(points)[:, :2].reshape(xy.shape)
 
 
-def annotate(ax: "Axes", arm: "ArmSetting") -> None:
+def annotate(ax: "Axes", arm: "PlacedArm") -> None:
     """Base, table, places of blocks and targets, and the paper's dangerous rectangle in both readings."""
     from matplotlib.patches import Rectangle
     from matplotlib.patheffects import withStroke

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import wandb
 
     from benchmark.rollouts.rollout import Rollout
-    from envs.arm.arms import ArmSetting
+    from envs.arm.placed_arm import PlacedArm
     from envs.task import Task
     from richmap.maps.reachability_map import ReachabilityMap
 
@@ -30,24 +30,21 @@ def log_field(config: RunConfig, rollout: "Rollout", group: str) -> None:
     """The field that guidance looks at as a W&B run, once in a process: it uses the maps, and makes the field."""
     if config.wandb.mode == "disabled" or rollout.field is None:
         return
-    from benchmark.episodes.arm import chosen_arm
-
     kind = METHODS[rollout.condition.method].field
-    _log_field(kind, chosen_arm(config), config.map, config.workers, rollout.field, config.wandb, group)
+    _log_field(kind, rollout.arm, config.map, config.workers, rollout.field, config.wandb, group)
 
 
 @cache
 def _log_field(
-    kind: str, arm: "ArmSetting", of_map: MapConfig, workers: int, field: Path, config: WandbConfig, group: str
+    kind: str, arm: "PlacedArm", of_map: MapConfig, workers: int, field: Path, config: WandbConfig, group: str
 ) -> None:
     from rich.console import Console
 
     from benchmark.artifacts.maps import compared_maps
-    from richmap.robots.robots import load_robot
 
     maps = ()
     if kind == "energy":
-        maps = compared_maps(load_robot(arm.robot), arm.base, of_map, workers, Console(quiet=True))
+        maps = compared_maps(arm.description.turned(arm.yaw), arm.base, of_map, workers, Console(quiet=True))
     about = {"field": kind, "robot": arm.robot, "base": arm.base, "map": asdict(of_map)}
     with start_experiment(config, f"{kind} field, {arm.robot}", group, "field", about) as run:
         for reachability_map in maps:

@@ -1,5 +1,6 @@
 """Where on the table an arm can hold its tool upright in its branch, and what keeps it from elsewhere."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
@@ -9,13 +10,14 @@ from jaxtyping import Bool, Float, Int
 from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import distance_transform_edt
 
-from envs.arm.arms import HEIGHT, POSTURES, ArmSetting, make_kinematics
+from envs.arm.inverse_kinematics import InverseKinematics
+from envs.arm.placed_arm import FOUND, PlacedArm
 from richmap.motion.collision import self_collision
-from richmap.robots.robots import load_robot
+from richmap.motion.kinematics import joint_frames
 
 FIRST_RADIUS = 0.3
-"""Distance from the base axis, in [m], at which the search begins: every arm holds its tool upright there, in each of
-its branches."""
+"""Distance from the base axis, in [m], at which the search begins in a branch that the arm's file states: it holds its
+tool upright there. In a found one it begins at the posture's own."""
 POSITION_TOLERANCE, TILT_TOLERANCE = 1e-3, np.radians(1)
 """The tool is held upright over a point when the flange is this near to it, in [m], and tilts no more, in [rad]."""
 ITERATIONS = 10
@@ -29,20 +31,20 @@ class Feasibility(IntEnum):
 
     FEASIBLE = 0
     OUT_OF_REACH = 1
-    """No branch of the wrist, within the joint limits or without, brings the flange there."""
+    """No branch that was looked at, within the joint limits or without, brings the flange there."""
     JOINT_LIMIT = 2
     """A joint would have to pass a limit that binds."""
     WRONG_BRANCH = 3
-    """The arm reaches it with its wrist the other way round only."""
+    """The arm reaches it in another of the branches that were looked at only."""
     SELF_COLLISION = 4
     """Two links would meet, triangle against triangle (`richmap.motion.collision`); the tool is not looked at."""
 
 
 @dataclass(frozen=True)
 class TableFeasibility:
-    """The answer on a regular grid of points of the table, all with the flange at `envs.arm.arms.HEIGHT`."""
+    """The answer on a regular grid of points of the table, all with the flange at one height."""
 
-    setting: ArmSetting
+    arm: PlacedArm
     x: Float[np.ndarray, " nx"]
     """World x of the grid's columns, evenly spaced, in [m]."""
     y: Float[np.ndarray, " ny"]
@@ -79,13 +81,17 @@ class TableFeasibility:
         return RegularGridInterpolator((self.x, self.y), distance)
 
 
-def table_feasibility(setting: ArmSetting, spacing: float, box: Float[np.ndarray, "2 2"]) -> TableFeasibility:
+def table_feasibility(
+    arm: PlacedArm, spacing: float, box: Float[np.ndarray, "2 2"], height: float, others: Sequence[PlacedArm] = ()
+) -> TableFeasibility:
     """`feasibility` on a grid over the table.
 
     Args:
-        setting: The arm.
+        arm: The arm.
         spacing: Of the grid, in [m]; it is made a little smaller where the box is no multiple of it.
         box: Lower and upper xy of the grid, in [m] in the world.
+        height: Of the flange, in [m] in the world.
+        others: The arm in other branches, so as to tell what those reach.
 
     Raises:
         ValueError: If the spacing is not above 0 or exceeds the box.
@@ -95,60 +101,91 @@ def table_feasibility(setting: ArmSetting, spacing: float, box: Float[np.ndarray
         raise ValueError(f"spacing must be above 0 and at most {size.min():g} m, the box's shorter side. Got {spacing}")
     x, y = (np.linspace(low, high, 1 + int(np.ceil((high - low) / spacing - 1e-9))) for low, high in box.T)
     points = np.stack(np.meshgrid(x, y, indexing="ij"), -1)
-    return TableFeasibility(setting, x, y, feasibility(setting, points.reshape(-1, 2)).reshape(points.shape[:2]))
+    cause = feasibility(arm, points.reshape(-1, 2), height, others)
+    return TableFeasibility(arm, x, y, cause.reshape(points.shape[:2]))
 
 
-def feasibility(setting: ArmSetting, points: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " n"]:
-    """`Feasibility` of holding the tool upright over points of the table, in [m] in the world, in the setting's branch.
+def feasibility(
+    arm: PlacedArm, points: Float[np.ndarray, "n 2"], height: float, others: Sequence[PlacedArm] = ()
+) -> Int[np.ndarray, " n"]:
+    """`Feasibility` of holding the tool upright over points of the table, in [m] in the world, in the arm's branch.
 
-    Every point is solved from the solution of a point at nearly the same distance from the base, outwards and then
-    inwards, so that the branch is kept as it is when the arm moves there. So the points should not leave wide rings
-    about the base empty. Limits and self-collision count where the setting says so.
+    Limits and self-collision count where they bind. Arguments are those of `table_feasibility`; see `followed`.
     """
-    held, joints = _held(setting, points)
-    cause = np.where(held, Feasibility.FEASIBLE, Feasibility.OUT_OF_REACH)
-    for robot, wrist in POSTURES if not held.all() else ():
-        if robot == setting.robot and wrist != setting.wrist:
-            turned, _ = _held(replace(setting, wrist=wrist), points)
-            cause[turned & ~held] = Feasibility.WRONG_BRANCH
-    robot = load_robot(setting.robot)
-    if setting.joint_limits:  # Six joints: in its branch a pose has one solution, so it is out of limits or in.
+    robot = arm.description
+    reached, joints = followed(arm, points, height)
+    cause = np.where(reached, Feasibility.FEASIBLE, Feasibility.OUT_OF_REACH)
+    for other in others if not reached.all() else ():
+        cause[followed(other, points, height)[0] & ~reached] = Feasibility.WRONG_BRANCH
+    if arm.joint_limits:
         passed = ((joints < robot.lower) | (joints > robot.upper)).any(1)
-        cause[held & passed] = Feasibility.JOINT_LIMIT
-        held &= ~passed
-    if setting.self_collision:
-        cause[np.flatnonzero(held)[self_collision(robot)(joints[held])]] = Feasibility.SELF_COLLISION
+        cause[reached & passed] = Feasibility.JOINT_LIMIT
+        reached = reached & ~passed
+    if arm.self_collision:
+        cause[np.flatnonzero(reached)[self_collision(robot)(joints[reached])]] = Feasibility.SELF_COLLISION
     return cause
 
 
-def _held(
-    setting: ArmSetting, points: Float[np.ndarray, "n 2"]
+def followed(
+    arm: PlacedArm, points: Float[np.ndarray, "n 2"], height: float
 ) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, "n dof"]]:
-    """Over which points the branch holds the tool upright if no limit binds, and joint angles there, in [rad].
+    """Over which points the branch holds the tool upright, and joint angles there, in [rad], which may pass limits.
 
-    From the first posture the points are visited outwards, then inwards.
+    Every point is solved from the solution of a point at nearly the same distance from the base, outwards and then
+    inwards, so that the branch is kept as it is when the arm moves there. So the points should not leave wide rings
+    about the base empty. An arm of six joints has one solution per pose and branch, in which limits are not looked at.
+    One with more has many, and is kept within its limits where that goes.
     """
-    kinematics = make_kinematics(replace(setting, joint_limits=False))
-    first = kinematics.solve(
-        np.array([setting.base[0] + FIRST_RADIUS, setting.base[1], HEIGHT]),
-        np.array(POSTURES[setting.robot, setting.wrist]),
-        iterations=300,
-        max_turn=np.inf,
-    ).joints
-    offset = points - np.array(setting.base[:2])
+    free = replace(arm, joint_limits=False)
+    if len(arm.posture) <= 6 or not arm.joint_limits:
+        return _followed(free, points, height)
+    within, joints = _followed(arm, points, height)
+    if not within.all():
+        beyond, passing = _followed(free, points, height)
+        joints[~within] = passing[~within]
+        within |= beyond & ((passing < arm.description.lower) | (passing > arm.description.upper)).any(1)
+    return within, joints
+
+
+def _followed(
+    arm: PlacedArm, points: Float[np.ndarray, "n 2"], height: float
+) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, "n dof"]]:
+    kinematics = arm.kinematics()
+    about = turns_about_the_vertical(arm)
+    first, first_radius = _in_front(arm, kinematics, about, height)
+    offset = arm.from_base(points)
     radius, azimuth = np.linalg.norm(offset, axis=1), np.arctan2(offset[:, 1], offset[:, 0])
     order = np.argsort(radius)
-    split = np.searchsorted(radius[order], FIRST_RADIUS)
+    split = np.searchsorted(radius[order], first_radius)
     held, joints = np.zeros(len(points), dtype=bool), np.zeros((len(points), len(first)))
     for way in (order[split:], order[:split][::-1]):
         last, at = first, 0.0
         for point in way:
             # About the base axis and back about the tool's: upright still, and as far from the base as before.
             start = last.copy()
-            start[[0, -1]] += azimuth[point] - at
-            posture = kinematics.solve(np.array([*points[point], HEIGHT]), start, ITERATIONS, LARGEST_TURN)
-            upright = posture.residual <= POSITION_TOLERANCE and posture.tilt <= TILT_TOLERANCE
-            if upright and kinematics.wrist(posture.joints) == setting.wrist:
+            start[[0, -1]] += about * (azimuth[point] - at)
+            posture = kinematics.solve(np.array([*points[point], height]), start, ITERATIONS, LARGEST_TURN)
+            if posture.residual <= POSITION_TOLERANCE and posture.tilt <= TILT_TOLERANCE:
                 held[point], joints[point] = True, posture.joints
                 last, at = posture.joints, azimuth[point]
     return held, joints
+
+
+def _in_front(
+    arm: PlacedArm, kinematics: InverseKinematics, about: Float[np.ndarray, "2"], height: float
+) -> tuple[Float[np.ndarray, " dof"], float]:
+    """Joint angles with the tool upright along the base's x axis, in [rad], and how far from the base, in [m]."""
+    seed, radius = np.array(arm.posture), FIRST_RADIUS
+    if arm.branch == FOUND:
+        x, y = arm.from_base(kinematics.flange(seed)[:2])
+        radius = float(np.hypot(x, y))
+        seed[[0, -1]] -= about * np.arctan2(y, x)
+    c, s = np.cos(arm.yaw), np.sin(arm.yaw)
+    point = np.array([arm.base[0] + radius * c, arm.base[1] + radius * s, height])
+    return kinematics.solve(point, seed, iterations=300, max_turn=np.inf).joints, radius
+
+
+def turns_about_the_vertical(arm: PlacedArm) -> Float[np.ndarray, "2"]:
+    """How joint 1 turns the arm about the base's z axis and the last one the tool back: 1, -1, or 0 if it does not."""
+    frames = joint_frames(arm.description)
+    return np.round([frames[0][2, 2], frames[-1][2, 2]])  # The flange's z points down, against the base's.

@@ -44,7 +44,8 @@ class InverseKinematics:
 
     Args:
         robot: The arm.
-        base: Position of its base in the world, in [m]; base axes are parallel to the world's.
+        base: Position of its base in the world, in [m].
+        yaw: Turn of its base about the world's z axis, in [rad].
         orientation_weight: w, in [m/rad].
         lower: Least joint angles that may be used, in [rad]; minus infinity where any may.
         upper: Greatest, likewise.
@@ -54,6 +55,7 @@ class InverseKinematics:
         self,
         robot: RobotDescription,
         base: Float[np.ndarray, "3"],
+        yaw: float,
         orientation_weight: float,
         lower: Float[np.ndarray, " dof"],
         upper: Float[np.ndarray, " dof"],
@@ -62,6 +64,10 @@ class InverseKinematics:
         self._data = mujoco.MjData(self._model)
         self._flange = self._model.body(robot.end_effector).id
         self._base, self._weight = np.asarray(base, dtype=float), orientation_weight
+        self._turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+        self._tool_down = TOOL_DOWN.copy()
+        if yaw:
+            mujoco.mju_mulQuat(self._tool_down, np.array([np.cos(yaw / 2), 0, 0, -np.sin(yaw / 2)]), TOOL_DOWN)
         self._lower, self._upper = lower, upper
         self._jacobian = np.zeros((6, self._model.nv))
         self._row_weights = np.array([1, 1, 1, *[orientation_weight] * 3])[:, None]
@@ -77,7 +83,7 @@ class InverseKinematics:
         """Move from `start`, in [rad], towards holding the flange at `point`, in [m] in the world."""
         lower = np.maximum(self._lower, start - max_turn)
         upper = np.minimum(self._upper, start + max_turn)
-        goal = np.asarray(point) - self._base
+        goal = (np.asarray(point) - self._base) @ self._turn
         joints = _clipped(start, lower, upper)
         error, damping, moved = self._error(joints, goal), FIRST_DAMPING, True
         for _ in range(iterations):
@@ -98,26 +104,18 @@ class InverseKinematics:
         down = -self._data.xmat[self._flange, 8]
         return Posture(joints, float(np.sqrt(error[:3] @ error[:3])), float(np.arccos(min(max(down, -1.0), 1.0))))
 
-    def wrist(self, joints: Float[np.ndarray, " dof"]) -> str:
-        """Branch of the wrist: "out" if the flange hangs outside its wrist, seen from the base, else "in"."""
-        self._data.qpos[:] = joints
-        mujoco.mj_kinematics(self._model, self._data)
-        last, before = self._data.xanchor[-1], self._data.xanchor[-2]
-        radial = self._data.xpos[self._flange][:2]
-        return "out" if (last - before)[:2] @ radial > 0 else "in"
-
     def flange(self, joints: Float[np.ndarray, " dof"]) -> Float[np.ndarray, "3"]:
         """Where the flange is, in [m] in the world."""
         self._data.qpos[:] = joints
         mujoco.mj_kinematics(self._model, self._data)
-        return self._data.xpos[self._flange] + self._base
+        return self._turn @ self._data.xpos[self._flange] + self._base
 
     def _error(self, joints: Float[np.ndarray, " dof"], goal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6"]:
         """What is missing: position and weighted rotation vector, base frame."""
         data = self._data
         data.qpos[:] = joints
         mujoco.mj_kinematics(self._model, data)
-        mujoco.mju_subQuat(self._rotation, TOOL_DOWN, data.xquat[self._flange])
+        mujoco.mju_subQuat(self._rotation, self._tool_down, data.xquat[self._flange])
         turned = data.xmat[self._flange].reshape(3, 3) @ self._rotation
         return np.concatenate([goal - data.xpos[self._flange], self._weight * turned])
 

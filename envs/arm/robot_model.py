@@ -14,7 +14,7 @@ from robosuite.models.robots.manipulators.manipulator_model import ManipulatorMo
 from robosuite.robots import register_robot_class
 
 from richmap.physics.mujoco_model import arm_spec
-from richmap.robots.robots import load_robot
+from richmap.robots.robot import RobotDescription
 
 ARMATURE = 0.1
 """Rotor inertia seen at every joint, in [kg m^2]; robosuite would set 5 / (i + 1), another one for every
@@ -29,11 +29,12 @@ SHELL = "0.86 0.87 0.90 1"
 
 
 @lru_cache
-def register_arm(name: str, visual: bool) -> str:
+def register_arm(robot: RobotDescription, visual: bool) -> str:
     """Give robosuite a robot made from `richmap`'s description of this arm; returns the name it is known by
     there.
 
-    Links and joints keep their URDF names under a root body `base`; the flange is called `right_hand`.
+    Links and joints keep their URDF names under a root body `base`; the flange is called `right_hand`. A link of the
+    arm's that goes by one of these names gets another.
     """
 
     class Arm(ManipulatorModel):
@@ -41,26 +42,26 @@ def register_arm(name: str, visual: bool) -> str:
 
         def __init__(self, idn: int = 0) -> None:
             with tempfile.TemporaryDirectory() as folder:
-                file = Path(folder, f"{name}.xml")
-                file.write_text(_arm_xml(name, visual))
+                file = Path(folder, f"{robot.name}.xml")
+                file.write_text(_arm_xml(robot, visual))
                 super().__init__(str(file), idn=idn)
 
         default_base = "NullMount"
         default_gripper = {"right": "Pusher"}
         default_controller_config = {"right": "default"}
-        init_qpos = np.zeros(len(load_robot(name).joints))
+        init_qpos = np.zeros(len(robot.joints))
         base_xpos_offset = {}
         top_offset = np.zeros(3)
         _horizontal_radius = 0.1
         arm_type = "single"
 
+    name = f"{robot.name}_{robot.fingerprint[:8]}"
     registered = type(f"{name}_seen" if visual else name, (Arm,), {})
     return register_robot_class("FixedBaseRobot")(registered).__name__
 
 
-def _arm_xml(name: str, visual: bool) -> str:
+def _arm_xml(robot: RobotDescription, visual: bool) -> str:
     """MJCF of the arm as robosuite wants it: gravity is compensated, joints are moved by position servos."""
-    robot = load_robot(name)
     spec = arm_spec(robot, visual=visual)
     root = ET.fromstring(spec.to_xml())
     for body in root.iter("body"):
@@ -73,6 +74,10 @@ def _arm_xml(name: str, visual: bool) -> str:
             joint.set(friction, "0")
         joint.set("armature", str(ARMATURE))
         joint.attrib.pop("actuatorfrcrange", None)
+    for taken in ("base", "right_hand"):
+        if taken != robot.end_effector:
+            _rename_body(root, taken, f"{taken}_link_of_{robot.name}")
+    _rename_body(root, robot.end_effector, "right_hand")
     world = root.find("worldbody")
     links = list(world)
     base = ET.SubElement(world, "body", name="base")
@@ -80,7 +85,6 @@ def _arm_xml(name: str, visual: bool) -> str:
         world.remove(link)
         base.append(link)
     ET.SubElement(links[0], "site", name="right_center", rgba="0 0 0 0")
-    _rename_body(root, robot.end_effector, "right_hand")
     actuators = ET.SubElement(root, "actuator")
     for joint in robot.joints:
         ET.SubElement(

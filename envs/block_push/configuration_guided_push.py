@@ -14,18 +14,20 @@ from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 @EnvConfig.register_subclass("guided_push")
 @dataclass
 class GuidedPushEnvConfig(EnvConfig):
-    """Which arm pushes the blocks, and what binds it (`envs.arm.arms`)."""
+    """Which arm pushes the blocks, and what binds it (`envs.arm.place_arm`)."""
 
     task: str | None = ENVIRONMENTS["xarm6"]
-    """Gymnasium id, one of `envs.ENVIRONMENTS`."""
+    """Gymnasium id, one of `envs.ENVIRONMENTS`, or `envs.BLOCK_PUSH` with `robot`."""
+    robot: str | None = None
+    """Name of an arm that ships; None for the task's."""
     fps: int = CONTROL_FREQUENCY
     episode_length: int = MAX_EPISODE_STEPS
     setting: str = "embodied"
     """`embodied` (joint limits and self-collision bind) or `original` (neither does)."""
     base: tuple[float, float, float] | None = None
     """Position of the arm's base, in [m]; None for the setting's."""
-    wrist: str | None = None
-    """`out` or `in`; None for the setting's."""
+    branch: str | None = None
+    """One that the arm's file states, or `found`; None for the setting's."""
     features: dict[str, PolicyFeature] = field(
         default_factory=lambda: {
             ACTION: PolicyFeature(type=FeatureType.ACTION, shape=(BLOCK_PUSH_SPACE.action.width,)),
@@ -54,10 +56,11 @@ class GuidedPushEnvConfig(EnvConfig):
     @property
     def gym_kwargs(self) -> dict:
         """Arguments for `gymnasium.make`."""
-        return {
+        chosen = {} if self.robot is None else {"robot": self.robot}
+        return chosen | {
             "setting": self.setting,
             "base": self.base,
-            "wrist": self.wrist,
+            "branch": self.branch,
             "obs_type": "environment_state_agent_pos",
             "render_mode": "rgb_array",
             "max_episode_steps": self.episode_length,

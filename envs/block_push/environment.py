@@ -1,7 +1,6 @@
 """The block-push task as a Gymnasium environment."""
 
 import warnings
-from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import gymnasium
@@ -11,13 +10,12 @@ from gymnasium import spaces
 from jaxtyping import Bool, Float
 
 from envs import MAX_EPISODE_STEPS
-from envs.arm.arms import HEIGHT, ORIENTATION_WEIGHT, arm_setting, make_kinematics, start_posture
 from envs.arm.inverse_kinematics import Posture
+from envs.arm.placed_arm import PlacedArm, start_posture
 from envs.arm.renderer import Renderer
 from envs.block_push.scene import Scene, draw_scene
 from envs.block_push.success import both_placed, inside, rewards, score
-from envs.block_push.workspace import CONTROL_FREQUENCY, WORKSPACE
-from richmap.robots.robots import load_robot
+from envs.block_push.workspace import CONTROL_FREQUENCY, HEIGHT, POSES, WORKSPACE
 from richmap.task_spaces.block_push import AT, BLOCK_PUSH_SPACE, BLOCKS, START, TARGETS
 
 with warnings.catch_warnings():
@@ -52,13 +50,7 @@ class BlockPushEnv(gymnasium.Env):
     second.
 
     Args:
-        robot: `xarm6`, `ur3`, `ur5` or `ur10`.
-        setting: `embodied` (joint limits and self-collision bind), `original` (neither does) or `best` (as embodied,
-            but with the base where the arm reaches the most).
-        base: Position of the arm's base, in [m]; None for the setting's.
-        wrist: Branch of the wrist, `out` or `in`; None for the setting's.
-        self_collision: Whether links collide with each other; None for the setting's.
-        orientation_weight: Weight of orientation against position in the inverse kinematics, in [m/rad].
+        arm: The arm, as it stands (`envs.block_push.make` makes it of a name).
         obs_type: `state` or `environment_state_agent_pos`.
         render_mode: None or `rgb_array`.
     """
@@ -70,12 +62,7 @@ class BlockPushEnv(gymnasium.Env):
 
     def __init__(
         self,
-        robot: str,
-        setting: str = "embodied",
-        base: Sequence[float] | None = None,
-        wrist: str | None = None,
-        self_collision: bool | None = None,
-        orientation_weight: float = ORIENTATION_WEIGHT,
+        arm: PlacedArm,
         obs_type: str = "state",
         render_mode: str | None = None,
     ) -> None:
@@ -83,24 +70,15 @@ class BlockPushEnv(gymnasium.Env):
             raise ValueError(f"There is no obs_type {obs_type!r}. Types: state, environment_state_agent_pos")
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"There is no render_mode {render_mode!r}. Modes: None, rgb_array")
-        self.arm = arm_setting(robot, setting, base, wrist, self_collision, orientation_weight)
+        self.arm = arm
         self.obs_type, self.render_mode = obs_type, render_mode
         self.action_space = spaces.Box(-MAX_STEP, MAX_STEP, (BLOCK_PUSH_SPACE.action.width,), np.float32)
         self.observation_space = _observation_space(obs_type)
 
-        description = load_robot(robot)
-        base_position = np.array(self.arm.base)
-        self._lower, self._upper = description.lower, description.upper
-        self._kinematics = make_kinematics(self.arm)
-        self._start = start_posture(self._kinematics, self.arm, START)
-        self._simulation = BlockPushSimulation(
-            robot,
-            base_position,
-            self._start,
-            self.arm.self_collision,
-            self.arm.joint_limits,
-            visual=render_mode is not None,
-        )
+        self._lower, self._upper = arm.description.lower, arm.description.upper
+        self._kinematics = arm.kinematics()
+        self._start = start_posture(arm, self._kinematics, POSES.start)
+        self._simulation = BlockPushSimulation(arm, self._start, visual=render_mode is not None)
         self._renderer: Renderer | None = None
 
     def reset(

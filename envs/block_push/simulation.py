@@ -10,6 +10,7 @@ from robosuite.environments.manipulation.manipulation_env import ManipulationEnv
 from robosuite.models.tasks import ManipulationTask
 
 from envs.arm.collision_bounds import tighten_bounds
+from envs.arm.placed_arm import PlacedArm
 from envs.arm.robot_model import register_arm
 from envs.block_push.scene import Scene
 from envs.block_push.table import ARM_BIT, BLOCK_EDGE, SCENE_BIT, Table, make_block
@@ -48,27 +49,20 @@ class BlockPushSimulation(ManipulationEnv):
     sampled between substeps) this task does not use.
 
     Args:
-        robot: Name of the arm in `envs.arm.arms.ARMS`.
-        base: Position of the arm's base, in [m].
+        arm: The arm, as it stands.
         start: Joint angles at reset, in [rad].
-        self_collision: Whether the links collide with each other.
-        joint_limits: Whether the joints stop at their limits.
         visual: Whether the arm's meshes are loaded for rendering.
     """
 
     def __init__(
         self,
-        robot: str,
-        base: Float[np.ndarray, "3"],
+        arm: PlacedArm,
         start: Float[np.ndarray, " dof"],
-        self_collision: bool,
-        joint_limits: bool,
         visual: bool = False,
     ) -> None:
-        self._base, self._start = base, start
-        self._self_collision, self._joint_limits = self_collision, joint_limits
+        self._arm, self._start = arm, start
         super().__init__(
-            robots=register_arm(robot, visual),
+            robots=register_arm(arm.description, visual),
             controller_configs=CONTROLLER,
             use_camera_obs=False,
             has_offscreen_renderer=False,
@@ -82,7 +76,9 @@ class BlockPushSimulation(ManipulationEnv):
         super()._load_model()
         robot = self.robots[0]
         robot.init_qpos = self._start
-        robot.robot_model.set_base_xpos(self._base)
+        robot.robot_model.set_base_xpos(np.array(self._arm.base))
+        if self._arm.yaw:
+            robot.robot_model.set_base_ori(np.array([0.0, 0.0, self._arm.yaw]))
         self._set_contacts_and_limits(robot.robot_model.root)
         self.blocks = [make_block("block"), make_block("block2")]
         self.model = ManipulationTask(Table(), [robot.robot_model], self.blocks)
@@ -100,9 +96,9 @@ class BlockPushSimulation(ManipulationEnv):
         for geom in arm.iter("geom"):
             if geom.get("contype") != "0":
                 geom.set("contype", str(ARM_BIT))
-                geom.set("conaffinity", str(SCENE_BIT | ARM_BIT if self._self_collision else SCENE_BIT))
+                geom.set("conaffinity", str(SCENE_BIT | ARM_BIT if self._arm.self_collision else SCENE_BIT))
         for joint in arm.iter("joint"):
-            joint.set("limited", "true" if self._joint_limits else "false")
+            joint.set("limited", "true" if self._arm.joint_limits else "false")
 
     def _initialize_sim(self, xml_string: str | None = None) -> None:
         super()._initialize_sim(xml_string)

@@ -6,11 +6,12 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from envs import ENVIRONMENTS, MAX_EPISODE_STEPS
+from envs import BLOCK_PUSH as BLOCK_PUSH_ID
+from envs import MAX_EPISODE_STEPS
 from envs.block_push.failure import CAUSES
 from envs.block_push.outcome import EpisodeOutcome, summarize
 from envs.block_push.scene import draw_scene
-from envs.block_push.workspace import CONTROL_FREQUENCY, WORKSPACE
+from envs.block_push.workspace import CONTROL_FREQUENCY, HEIGHT, POSES, WORKSPACE
 from envs.task import Controller, Score, Task, Trait
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
@@ -19,17 +20,8 @@ SPACING = 0.01
 
 
 def make(arm: Any, render_mode: str | None = None) -> gymnasium.Env:
-    """The environment on an arm (`envs.arm.arms.ArmSetting`)."""
-    return gymnasium.make(
-        ENVIRONMENTS[arm.robot],
-        setting=arm.name,
-        base=arm.base,
-        wrist=arm.wrist,
-        self_collision=arm.self_collision,
-        orientation_weight=arm.orientation_weight,
-        obs_type="environment_state_agent_pos",
-        render_mode=render_mode,
-    )
+    """The environment on an arm (`envs.arm.placed_arm.PlacedArm`)."""
+    return gymnasium.make(BLOCK_PUSH_ID, arm=arm, obs_type="environment_state_agent_pos", render_mode=render_mode)
 
 
 def plain_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
@@ -44,7 +36,7 @@ def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
     from envs.arm.feasibility import table_feasibility
     from envs.block_push.aware_oracle import AwareOracle
 
-    table = table_feasibility(arm, SPACING, WORKSPACE)
+    table = table_feasibility(arm, SPACING, WORKSPACE, HEIGHT)
     return lambda info: _acting_on_dict(AwareOracle(table, info["mode"]))
 
 
@@ -75,6 +67,7 @@ BLOCK_PUSH = Task(
     make=make,
     max_episode_steps=MAX_EPISODE_STEPS,
     control_frequency=CONTROL_FREQUENCY,
+    poses=POSES,
     draw_scene=draw_scene,
     outcome=EpisodeOutcome,
     summarize=summarize,

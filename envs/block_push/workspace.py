@@ -2,7 +2,14 @@
 
 import numpy as np
 
+from envs.arm.task_poses import TaskPoses
+from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE, START
+
 CONTROL_FREQUENCY = 10
 """Control steps per second."""
 WORKSPACE = np.array([[0.15, -0.5], [0.7, 0.5]])
 """Box that the commanded effector is kept in, lower and upper xy in [m]."""
+HEIGHT = BLOCK_PUSH_SPACE.steps.position[2]
+"""Of the flange above the table, in [m]."""
+POSES = TaskPoses((*START, HEIGHT), (0.2, -0.43), (0.6, 0.28))
+"""What is asked of an arm: the start, and from there wherever blocks and targets may be."""

@@ -2,7 +2,7 @@
 
 import hashlib
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -82,6 +82,18 @@ class RobotDescription:
         for file in sorted(files, key=len, reverse=True):  # One name may begin another.
             text = text.replace(file, hashlib.sha256(Path(file).read_bytes()).hexdigest())
         return hashlib.sha256("\n".join([text, self.base, self.end_effector]).encode()).hexdigest()
+
+    def turned(self, yaw: float) -> "RobotDescription":
+        """The same arm on a base that is turned about z, in [rad]: its base frame is parallel to the world's again."""
+        if yaw == 0:
+            return self
+        root, base = ET.fromstring(self.urdf), f"turned_{self.base}"
+        ET.SubElement(root, "link", name=base)
+        joint = ET.SubElement(root, "joint", name=base, type="fixed")
+        ET.SubElement(joint, "origin", xyz="0 0 0", rpy=f"0 0 {yaw!r}")
+        ET.SubElement(joint, "parent", link=base)
+        ET.SubElement(joint, "child", link=self.base)
+        return replace(self, urdf=ET.tostring(root, encoding="unicode"), base=base)
 
     def chain(self) -> "pytorch_kinematics.SerialChain":
         """Differentiable kinematics from base to flange."""

@@ -1,13 +1,11 @@
-"""The arms that ship: one file each in this folder (`richmap.robots.robot_file`)."""
+"""The arms that ship, by name."""
 
 from functools import lru_cache
 from pathlib import Path
 
+from richmap.robots import ROBOTS
 from richmap.robots.robot import RobotDescription
 from richmap.robots.robot_file import RobotFile
-
-ROBOTS = tuple(sorted(file.stem for file in Path(__file__).parent.glob("*.yaml")))
-"""Their names."""
 
 
 @lru_cache

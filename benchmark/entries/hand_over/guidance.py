@@ -7,14 +7,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from envs.arm.arms import arm_setting
 from envs.arm.feasibility import TableFeasibility, table_feasibility
+from envs.block_push.arm import block_push_arm
 from envs.block_push.aware_oracle import LOST_COMMAND
 from envs.block_push.aware_pusher import AwarePusher
 from envs.block_push.block_ways import BlockWays
 from envs.block_push.oracle import ORIENT_ABOVE, ORIENT_RADIUS, quarter_turn_error
 from envs.block_push.success import inside
-from envs.block_push.workspace import WORKSPACE
+from envs.block_push.workspace import HEIGHT, WORKSPACE
 from policies.block_push.push_reach import overreach
 from policies.guidance import FLANGE_HEIGHT, Guidance
 from richmap.similarity.signed_distance import SignedDistanceField
@@ -131,7 +131,7 @@ def table_of(robot: str, base: tuple[float, float]) -> TableFeasibility:
     Raises:
         ValueError: If the arm stands so in none of the settings in which its limits bind.
     """
-    for arm in (arm_setting(robot, setting) for setting in ("embodied", "best")):
+    for arm in (block_push_arm(robot, setting) for setting in ("embodied", "best")):
         if arm.base[:2] == base:
-            return table_feasibility(arm, SPACING, WORKSPACE)
+            return table_feasibility(arm, SPACING, WORKSPACE, HEIGHT)
     raise ValueError(f"No {robot} of the settings embodied and best stands at {base} m.")

@@ -1,0 +1,134 @@
+"""In which branch an arm does a task best: found at the task's start, from many postures.
+
+A branch is a way of holding the tool that no small movement turns into another: elbow up or down, wrist in or out,
+shoulder ahead or behind. An arm of seven joints has a range of postures in each.
+"""
+
+import hashlib
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import platformdirs
+from jaxtyping import Bool, Float, Int
+from scipy.cluster.hierarchy import fcluster, linkage
+
+from envs.arm.feasibility import followed
+from envs.arm.placed_arm import PlacedArm
+from envs.arm.task_poses import TaskPoses
+from richmap.motion.collision import self_collision
+from richmap.motion.ground import lowest_points
+from richmap.motion.inverse_kinematics import ANGLE_TOLERANCE, POSITION_TOLERANCE, refine, starting_configurations
+
+VERSION = 1
+"""Raised where another posture is found."""
+STARTS = 512
+"""Configurations from which the start is sought."""
+ALIKE = 0.05
+"""Of rough postures that differ by about this, in [rad], one is gone on with."""
+APART = 0.3
+"""Postures whose joints differ by no more than this, in [rad], are of one branch; so are those linked by such."""
+PER_BRANCH = 4
+"""Postures of a branch that are judged, of an arm that has many."""
+AS_GOOD = 0.01
+"""Shares that differ by no more than this are alike; the posture that is farther from its joints' limits is taken."""
+
+
+def find_posture(arm: PlacedArm, poses: TaskPoses) -> PlacedArm:
+    """The arm in the branch from which it follows most of the task's poses; from the user's cache once it was found.
+
+    Raises:
+        ValueError: If it cannot hold its tool upright over the task's start.
+    """
+    inputs = arm.numbers() | {"poses": asdict(poses), "version": VERSION}
+    key = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
+    file = Path(platformdirs.user_cache_dir("richmap"), "postures", f"{arm.robot}-{key[:16]}.json")
+    if not file.exists():
+        posture = best_posture(arm, poses)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(posture.tolist()))
+    return replace(arm, posture=tuple(json.loads(file.read_text())))
+
+
+def best_posture(arm: PlacedArm, poses: TaskPoses) -> Float[np.ndarray, " dof"]:
+    """The best of `branch_postures`, in [rad]; see `find_posture`."""
+    postures = branch_postures(arm, poses)
+    if len(postures) == 0:
+        raise ValueError(
+            f"{arm.robot} with its base at {arm.base} m can hold the tool upright over the start {poses.start[:2]} m "
+            "in none of its postures. Choose another base."
+        )
+    shares = np.array([followed_share(replace(arm, posture=tuple(posture)), poses) for posture in postures])
+    alike = np.flatnonzero(shares >= shares.max() - AS_GOOD)
+    return postures[alike[np.argmin(strain(arm, postures[alike]))]]
+
+
+def branch_postures(arm: PlacedArm, poses: TaskPoses) -> Float[np.ndarray, "n dof"]:
+    """Joint angles over the task's start, in [rad]: one of each branch, some of each if the arm has many.
+
+    They are free of self-collision where it binds, within the joint limits, and above the ground.
+    """
+    kinematics = arm.kinematics()
+    found = [kinematics.solve(np.array(poses.start), start, 100, np.inf) for start in _roughly(arm, poses)]
+    exact = [posture.joints for posture in found if posture.residual < 1e-5 and posture.tilt < 1e-4]
+    joints = nearest_to_middle(arm, np.array(exact).reshape(-1, len(arm.description.joints)))
+    joints = joints[_holdable(arm, joints)]
+    joints = joints[np.argsort(strain(arm, joints), kind="stable")]
+    chosen, branch = [], branches(joints)
+    for one in dict.fromkeys(branch.tolist()):
+        members = np.flatnonzero(branch == one)
+        if joints.shape[1] <= 6:
+            members = members[:1]
+        chosen += members[np.linspace(0, len(members) - 1, min(PER_BRANCH, len(members))).astype(int)].tolist()
+    return joints[chosen]
+
+
+def branches(joints: Float[np.ndarray, "n dof"]) -> Int[np.ndarray, " n"]:
+    """Which branch each of some postures is of, by single linkage; full turns of a joint change nothing."""
+    if len(joints) < 2:
+        return np.ones(len(joints), dtype=int)
+    i, j = np.triu_indices(len(joints), 1)
+    apart = np.abs((joints[i] - joints[j] + np.pi) % (2 * np.pi) - np.pi).max(1)
+    return fcluster(linkage(apart, "single"), APART, "distance")
+
+
+def followed_share(arm: PlacedArm, poses: TaskPoses) -> float:
+    """Share of the task's poses that the arm follows from its posture, within what binds and above the ground."""
+    reached, joints = followed(arm, poses.points(), poses.start[2])
+    reached[reached] = _holdable(arm, joints[reached])
+    return float(reached.mean())
+
+
+def strain(arm: PlacedArm, joints: Float[np.ndarray, "n dof"]) -> Float[np.ndarray, " n"]:
+    """How far joints are from the middle of their range: the root of the mean square of shares of its half."""
+    lower, upper = arm.description.lower, arm.description.upper
+    return np.sqrt((((joints - (lower + upper) / 2) / ((upper - lower) / 2)) ** 2).mean(1))
+
+
+def nearest_to_middle(arm: PlacedArm, joints: Float[np.ndarray, "n dof"]) -> Float[np.ndarray, "n dof"]:
+    """The same postures, each joint turned by full turns to where it is nearest to the middle of its range."""
+    middle = (arm.description.lower + arm.description.upper) / 2
+    return joints - 2 * np.pi * np.round((joints - middle) / (2 * np.pi))
+
+
+def _roughly(arm: PlacedArm, poses: TaskPoses) -> Float[np.ndarray, "n dof"]:
+    """Configurations near to holding the tool upright over the start, from starts all over the joints' range."""
+    robot = arm.description
+    starts = starting_configurations(robot, STARTS, seed=0)
+    c, s = np.cos(arm.yaw), np.sin(arm.yaw)
+    to_base = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    point, down = to_base @ (np.array(poses.start) - arm.base), to_base @ np.diag([-1.0, 1.0, -1.0])
+    joints, off, turned = refine(robot, starts, np.tile(point, (STARTS, 1)), np.tile(down, (STARTS, 1, 1)), 100)
+    joints = nearest_to_middle(arm, joints[(off <= POSITION_TOLERANCE) & (turned <= ANGLE_TOLERANCE)])
+    return joints[np.unique(np.round(joints / ALIKE), axis=0, return_index=True)[1]]
+
+
+def _holdable(arm: PlacedArm, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, " n"]:
+    """Within the joint limits, no link that moves below the table, at z = 0, and free of self-collision if it binds."""
+    robot = arm.description
+    fine = ((joints >= robot.lower) & (joints <= robot.upper)).all(1)
+    fine &= lowest_points(robot, joints) + arm.base[2] >= 0
+    if arm.self_collision:
+        fine &= ~self_collision(robot)(joints)
+    return fine

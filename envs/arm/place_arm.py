@@ -1,0 +1,118 @@
+"""Placing an arm: from its description, a setting and what a task asks of it to a `PlacedArm`; the door of arms."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+from envs.arm.found_posture import find_posture
+from envs.arm.placed_arm import FOUND, ORIENTATION_WEIGHT, PlacedArm
+from envs.arm.task_poses import TaskPoses
+from richmap.robots import ROBOTS
+from richmap.robots.robot import RobotDescription
+from richmap.robots.robot_file import Branch, RobotFile, Stand
+from richmap.robots.robots import load_robot, robot_file
+
+COMMON_BASE = (0.0, 0.0, 0.0)
+"""Where arms stand, in [m] in the world: where the xArm6 of the original does."""
+
+BINDS = {"original": False, "embodied": True, "best": True}
+"""The settings, and whether joint limits and self-collision bind in them."""
+
+
+def place_arm(
+    robot: str | RobotDescription,
+    poses: TaskPoses,
+    setting: str = "embodied",
+    base: Sequence[float] | None = None,
+    yaw: float | None = None,
+    branch: str | None = None,
+    self_collision: bool | None = None,
+    orientation_weight: float | None = None,
+) -> PlacedArm:
+    """An arm as it does a task in a setting, with single choices replaced where given.
+
+    Args:
+        robot: Name of an arm that ships, or the description of another.
+        poses: What the task asks of an arm.
+        setting: `original`, `embodied` or `best`.
+        base: Position of its base, in [m] in the world.
+        yaw: Turn of its base, in [rad].
+        branch: One that the arm's file states, or `found` for the best that is found at the task's start, which is
+            what arms have whose file states none.
+        self_collision: Whether its links collide with each other.
+        orientation_weight: Of its inverse kinematics, in [m/rad].
+
+    Raises:
+        ValueError: If there is no such robot or setting, or the arm cannot do the task so.
+    """
+    if base is not None and len(base) != 3:
+        raise ValueError(f"base is x, y, z in metres. Got {len(base)} numbers: {tuple(base)}")
+    if orientation_weight is not None and not orientation_weight > 0:
+        raise ValueError(f"orientation_weight must be above 0 m/rad. Got {orientation_weight}")
+    description = load_robot(robot) if isinstance(robot, str) else robot
+    file = _file_of(description)
+    given = {
+        "base": base, "yaw": yaw, "branch": branch, "self_collision": self_collision,
+        "orientation_weight": orientation_weight,
+    }  # fmt: skip
+    usual = usual_choices(file.path.stem if file else "", setting)
+    chosen = usual | {name: value for name, value in given.items() if value is not None}
+    if chosen["base"] is None:
+        raise ValueError(
+            f"Nobody has found where {description.name} stands best. Find it (python -m benchmark.studies.place_bases "
+            "robots=[...]) and write it in the arm's file, or give its base."
+        )
+    branches = file.branches if file else {}
+    name = chosen.pop("branch")
+    if name != FOUND and name not in branches:
+        raise ValueError(f"{description.name} has no branch {name!r}. Branches: {', '.join([*branches, FOUND])}")
+    x, y, z = map(float, chosen.pop("base"))
+    stated = branches.get(name, Branch(()))
+    arm = PlacedArm(
+        description, setting, (x, y, z), posture=stated.posture, branch=name, bounds=stated.bounds, **chosen
+    )
+    return _found(arm, poses) if name == FOUND else arm
+
+
+def usual_choices(robot: str, setting: str) -> dict[str, Any]:
+    """What an arm's file has in a setting, and where it says nothing what all arms have: all of an arm that does not
+    ship.
+
+    Returns:
+        `base` (None if it is yet to be found), `yaw`, `branch`, `self_collision`, `joint_limits` and
+        `orientation_weight`.
+
+    Raises:
+        ValueError: If there is no such setting.
+    """
+    if setting not in BINDS:
+        raise ValueError(f"There is no setting {setting!r}. Settings: {', '.join(BINDS)}")
+    stand = robot_file(robot).settings.get(setting, Stand(FOUND)) if robot in ROBOTS else Stand(FOUND)
+    base = COMMON_BASE if stand.base is None and setting != "best" else stand.base
+    binds = BINDS[setting]
+    return {
+        "base": base, "yaw": 0.0, "branch": stand.branch, "self_collision": binds, "joint_limits": binds,
+        "orientation_weight": ORIENTATION_WEIGHT,
+    }  # fmt: skip
+
+
+def other_branches(arm: PlacedArm, poses: TaskPoses) -> list[PlacedArm]:
+    """The same arm in the other branches that its file states."""
+    file = _file_of(arm.description)
+    names = [name for name in file.branches if name != arm.branch] if file else []
+    choices = arm.base, arm.yaw
+    return [
+        place_arm(arm.description, poses, arm.setting, *choices, name, arm.self_collision, arm.orientation_weight)
+        for name in names
+    ]
+
+
+def _file_of(description: RobotDescription) -> RobotFile | None:
+    """The file of an arm that ships; None for another arm, also for one that goes by such a name."""
+    shipped = description.name in ROBOTS and load_robot(description.name) == description
+    return robot_file(description.name) if shipped else None
+
+
+@lru_cache
+def _found(arm: PlacedArm, poses: TaskPoses) -> PlacedArm:
+    return find_posture(arm, poses)

@@ -1,0 +1,26 @@
+"""What a task asks of an arm."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclass(frozen=True)
+class TaskPoses:
+    """What a task asks of an arm: to hold its tool upright over its start, and from there over its poses."""
+
+    start: tuple[float, float, float]
+    """Of the flange, in [m] in the world."""
+    lower: tuple[float, float]
+    """Corner of the box of poses, xy in [m] in the world; all are at the start's height."""
+    upper: tuple[float, float]
+    """The opposite corner."""
+    spacing: float = 0.05
+    """Between poses, in [m]."""
+
+    def points(self) -> Float[np.ndarray, "n 2"]:
+        """The poses' xy, in [m] in the world."""
+        ends = zip(self.lower, self.upper, strict=True)
+        x, y = (np.linspace(low, high, 1 + round((high - low) / self.spacing)) for low, high in ends)
+        return np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)

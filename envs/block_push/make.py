@@ -1,0 +1,27 @@
+"""The door of block push: an environment of an arm's name, or of an arm that stands somewhere already."""
+
+from typing import Any
+
+from envs.arm.placed_arm import PlacedArm
+from envs.block_push.arm import block_push_arm
+from envs.block_push.environment import BlockPushEnv
+
+
+def make(
+    robot: str = "xarm6",
+    arm: PlacedArm | None = None,
+    obs_type: str = "state",
+    render_mode: str | None = None,
+    **choices: Any,
+) -> BlockPushEnv:
+    """Block push on an arm.
+
+    Args:
+        robot: Name of an arm that ships.
+        arm: The arm itself instead.
+        obs_type: As `BlockPushEnv` has it; likewise the next.
+        render_mode: None or `rgb_array`.
+        choices: `setting`, `base`, `yaw`, `branch`, `self_collision`, `orientation_weight`, as
+            `envs.arm.place_arm.place_arm` has them.
+    """
+    return BlockPushEnv(block_push_arm(robot, **choices) if arm is None else arm, obs_type, render_mode)
