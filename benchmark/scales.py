@@ -25,7 +25,8 @@ def main(config: ScalesConfig) -> None:
     from benchmark.rollouts.arm_oracle import demonstrated_path
     from benchmark.rollouts.make_rollout import make_rollout
     from benchmark.scoring.guidance_figures import draw_fields, draw_success
-    from policies.guidance_methods import make_guidance
+    from policies.methods import METHODS
+    from policies.setup import Setup
 
     console, folder, task = Console(), config.folder, chosen_task(config.task)
     console.print(budget(config))
@@ -40,7 +41,9 @@ def main(config: ScalesConfig) -> None:
     arm = table[(table[CHOSEN_FOR] == [getattr(direct[0].condition, name) for name in CHOSEN_FOR]).all(axis=1)]
     base = tuple(map(float, direct[0].condition.base.split()))[:2]
     guidances = {
-        row.method: make_guidance(row.method, row["lambda"], fields[row.method][0], base, config.seeds[0])
+        row.method: METHODS[row.method].make(
+            Setup(row["lambda"], fields[row.method][0], base, config.seeds[0], task.space)
+        )
         for _, row in arm[arm.chosen].iterrows()
         if row.method in config.methods
     }

@@ -7,19 +7,22 @@ from lerobot.configs import NormalizationMode, PreTrainedConfig
 from lerobot.optim import AdamWConfig, DiffuserSchedulerConfig
 from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig
 
-from policies.block_push.features import KINDS
-from policies.methods import METHODS
+from policies.methods import METHODS, method_named
+from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
+from richmap.task_spaces.task_space import TaskSpace
 
 
 @PreTrainedConfig.register_subclass("guided_push")
 @dataclass
 class GuidedPushConfig(DiffusionConfig):
-    """A diffusion policy for block pushing: a small denoiser of its own inside LeRobot's `DiffusionPolicy`.
+    """A diffusion policy of one task: a small denoiser of its own inside LeRobot's `DiffusionPolicy`.
 
     Unlike in LeRobot's `diffusion`, the horizon starts at the current step, and scaling is part of the model:
-    observations go in and actions come out in metres, so the processors leave numbers alone.
+    observations go in and actions come out in the task's units, so the processors leave numbers alone.
     """
 
+    space: TaskSpace = BLOCK_PUSH_SPACE
+    """The task's numbers, and what its actions do to the flange; checkpoints that do not say are of block push."""
     n_obs_steps: int = 3
     horizon: int = 4
     """Actions predicted at once, the first for the current observation."""
@@ -36,8 +39,7 @@ class GuidedPushConfig(DiffusionConfig):
     """Action that the denoiser calls 1, in [m]; the oracle's largest step. Actions are clipped to ±1 unit."""
 
     features: str = "relative"
-    """What the denoiser sees (`policies.block_push.features.KINDS`): absolute, relative, or pair, which adds the
-    oracle's own geometry."""
+    """What the denoiser sees: relative, the only kind that is left (`policies.<task>.features`)."""
     trunk_width: int = 336
     trunk_blocks: int = 3
     """Residual blocks that read the observation, once per chunk."""
@@ -89,18 +91,20 @@ class GuidedPushConfig(DiffusionConfig):
             raise ValueError(
                 f"n_action_steps must lie between 1 and horizon={self.horizon}. Got {self.n_action_steps}."
             )
-        if self.features not in KINDS:
-            raise ValueError(f"features={self.features!r} is not one of {', '.join(KINDS)}.")
+        for name, left in (("features", "relative"), ("prediction_type", "epsilon")):
+            if getattr(self, name) != left:
+                raise ValueError(
+                    f"{name}={getattr(self, name)!r} is not there any more: {left} served better. Train anew with that."
+                )
         if self.displacement < 0:
             raise ValueError(f"displacement must be at least 0 m. Got {self.displacement}.")
         if not math.isfinite(self.guidance_scale):
             raise ValueError(f"guidance_scale must be a finite number. Got {self.guidance_scale}.")
-        if self.guidance not in METHODS:
-            raise ValueError(f"There is no guidance {self.guidance!r}. Methods: {', '.join(METHODS)}.")
+        method_named(self.guidance)
         if self.needs_field and self.energy_field is None:
             raise ValueError(
                 f"guidance={self.guidance} with guidance_scale={self.guidance_scale} needs a field of "
-                f"{METHODS[self.guidance].field}: set energy_field to the path of a saved EnergyField."
+                f"{METHODS[self.guidance].field}: set energy_field to the path of a saved one."
             )
 
     @property

@@ -16,7 +16,7 @@ a cost that began there would not be felt."""
 
 
 @runtime_checkable
-class Field(Protocol):
+class Slope(Protocol):
     """Anything with a slope over the workspace, such as a `richmap.similarity.energy.EnergyField`."""
 
     def gradient(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:

@@ -1,43 +1,65 @@
-"""Guidance: what is done to the sampling of a diffusion policy, so that it acts elsewhere on the table."""
+"""Guidance: what is done to the sampling of a diffusion policy, so that it acts elsewhere."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import final
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-FLANGE_HEIGHT = 0.06
-"""Height at which every arm of the task holds its flange, in [m]."""
 
+class Guidance(ABC):
+    """What a method may do to the sampling of a chunk of actions: five places to act, and word of new episodes.
 
-class Guidance:
-    """What a method may do to the sampling of a chunk of actions; as it stands nothing, which is direct transfer.
+    An interface: a method says what it is made of (`__init__`) and takes the places that it needs. A place that it does
+    not take leaves the policy alone there, as `Unguided` does everywhere.
 
-    `effector` is the present state of each row: measured x, y, then commanded x, y, world frame, in [m]. Rows of a
-    batch that have no episode hold zeros, and want finite answers too. All is asked within `torch.inference_mode`: for
-    a gradient by autograd leave it (`with torch.inference_mode(False)`) and clone what was given.
+    `state` is the last `observation.state` of each row, in the layout of the task (`richmap.task_spaces`): where the
+    flange is, as measured and as commanded. Actions are in the task's own units. Rows of a batch that have no episode
+    hold zeros, and want finite answers too. All is asked within `torch.inference_mode`: for a gradient by autograd
+    leave it (`with torch.inference_mode(False)`) and clone what was given.
     """
 
-    samples = 1
+    samples: int = 1
     """Chunks sampled for each observation; of several `choose` is asked for one."""
-    looks_ahead = False
+    looks_ahead: bool = False
     """Whether `descent` is asked at every denoising step."""
 
-    def imagine(self, environment: Float[Tensor, "b t 12"], effector: Float[Tensor, "b 4"]) -> Float[Tensor, "b t 12"]:
-        """The scenes that the policy is shown, in the layout of `policies.block_push.features`; as it stands the real
-        ones."""
+    @abstractmethod
+    def __init__(self) -> None:
+        """What the method is made of."""
+
+    def reset(self, rows: Sequence[int] | None) -> None:  # noqa: B027 (a place that a method need not take)
+        """New episodes begin in these rows of the batch; None for all. Whoever remembers something forgets it here."""
+
+    def imagine(self, environment: Float[Tensor, "b t rest"], state: Float[Tensor, "b state"]) -> Tensor:
+        """The `observation.environment_state`s that the policy is shown, of the same shape, in place of the real ones;
+        the last one of each row is the present."""
         return environment
 
-    def push(self, effector: Float[Tensor, "b 4"]) -> Float[Tensor, "b 2"] | None:
+    def push(self, state: Float[Tensor, "b state"]) -> Float[Tensor, "b action"] | None:
         """Added to the predicted noise of all steps and actions, in normalised action units. Asked once a chunk."""
         return None
 
-    def descent(self, actions: Float[Tensor, "b t 2"], effector: Float[Tensor, "b 4"]) -> Float[Tensor, "b t 2"]:
-        """Slope, times the scale, that the predicted clean actions, in [m], are to descend; per metre of each."""
+    def descent(self, actions: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]) -> Tensor:
+        """Slope, times the scale, that the predicted clean actions are to descend; per unit of each, of their shape."""
         return torch.zeros_like(actions)
 
-    def choose(self, chunks: Float[Tensor, "b n t 2"], effector: Float[Tensor, "b 4"]) -> Float[Tensor, "b t 2"]:
-        """One of the sampled chunks, in [m]."""
+    def choose(
+        self, chunks: Float[Tensor, "b n t action"], state: Float[Tensor, "b state"]
+    ) -> Float[Tensor, "b t action"]:
+        """One of the sampled chunks."""
         return chunks[:, 0]
 
-    def correct(self, chunk: Float[Tensor, "b t 2"], effector: Float[Tensor, "b 4"]) -> Float[Tensor, "b t 2"]:
-        """The chunk that is executed, in [m]."""
+    def correct(self, chunk: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]) -> Tensor:
+        """The chunk that is executed, of the same shape."""
         return chunk
+
+
+@final
+class Unguided(Guidance):
+    """Direct transfer: leaves the policy as it is, whatever it is made with."""
+
+    def __init__(self, *_: object) -> None:
+        pass

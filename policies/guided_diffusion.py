@@ -1,7 +1,8 @@
 """LeRobot's diffusion model with the trunk and the denoising head, and the places where guidance acts."""
 
 from collections.abc import Callable
-from functools import partial
+from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 import torch
@@ -12,10 +13,9 @@ from lerobot.policies.diffusion.modeling_diffusion import DiffusionModel
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 from torch import Tensor
 
-from policies.block_push.features import displace, feature_count, observation_features, permute
 from policies.configuration_guided_push import GuidedPushConfig
 from policies.denoiser import DenoisingHead, Trunk
-from policies.guidance import Guidance
+from policies.guidance import Guidance, Unguided
 
 
 class GuidedDiffusion(DiffusionModel):
@@ -32,7 +32,7 @@ class GuidedDiffusion(DiffusionModel):
             horizon, action_dim, config.head_width, config.head_blocks, config.num_train_timesteps
         )
         self.trunk = Trunk(
-            feature_count(config.n_obs_steps, config.features),
+            self.features.feature_count(config.n_obs_steps),
             config.trunk_width,
             config.trunk_blocks,
             self.unet.n_modulations,
@@ -43,34 +43,39 @@ class GuidedDiffusion(DiffusionModel):
             beta_schedule=config.beta_schedule,
             clip_sample=config.clip_sample,
             clip_sample_range=config.clip_sample_range,
-            prediction_type=config.prediction_type,
+            prediction_type="epsilon",
         )
         # Square roots of single precision are MKL's, which rounds them as the processor's approximate ones come out.
         for name in ("alphas_cumprod", "final_alpha_cumprod"):
             setattr(self.noise_scheduler, name, getattr(self.noise_scheduler, name).double())
 
+    @property
+    def features(self) -> ModuleType:
+        """What the denoiser sees of the task's observations, and the task's symmetries."""
+        return import_module(f"policies.{self.config.space.name}.features")
+
     def _prepare_global_conditioning(self, batch: dict[str, Any]) -> Float[Tensor, "b modulations"]:
-        return self.trunk(observation_features(batch[OBS_STATE], batch[OBS_ENV_STATE], self.config.features))
+        return self.trunk(self.features.observation_features(batch[OBS_STATE], batch[OBS_ENV_STATE]))
 
     def generate_actions(
         self,
         batch: dict[str, Any],
         noise: Float[Tensor, "b ..."] | None = None,
         guidance: Guidance | None = None,
-    ) -> Float[Tensor, "b n_action_steps 2"]:
-        """Sampled actions from the current step on, in [m]; `noise` holds that of all samples, one after another."""
-        guidance = guidance or Guidance()
-        effector, samples = batch[OBS_STATE][:, -1], guidance.samples
-        batch = {**batch, OBS_ENV_STATE: guidance.imagine(batch[OBS_ENV_STATE], effector)}
+    ) -> Float[Tensor, "b n_action_steps action"]:
+        """Sampled actions from the current step on; `noise` holds that of all samples, one after another."""
+        guidance = guidance or Unguided()
+        state, samples = batch[OBS_STATE][:, -1], guidance.samples
+        batch = {**batch, OBS_ENV_STATE: guidance.imagine(batch[OBS_ENV_STATE], state)}
         condition = self._prepare_global_conditioning(batch).repeat_interleave(samples, dim=0)
         if noise is not None and samples > 1:
             noise = noise.unflatten(1, (samples, -1)).flatten(0, 1)
-        effectors = effector.repeat_interleave(samples, dim=0)
-        push = guidance.push(effectors)
-        descent = partial(guidance.descent, effector=effectors) if guidance.looks_ahead else None
+        states = state.repeat_interleave(samples, dim=0)
+        push = guidance.push(states)
+        descent = (lambda actions: guidance.descent(actions, states)) if guidance.looks_ahead else None
         actions = self.conditional_sample(len(condition), condition, noise=noise, push=push, descent=descent)
         chunks = (actions * self.config.action_unit).unflatten(0, (-1, samples))
-        chunk = guidance.correct(guidance.choose(chunks, effector), effector)
+        chunk = guidance.correct(guidance.choose(chunks, state), state)
         return chunk[:, : self.config.n_action_steps]
 
     def conditional_sample(
@@ -79,18 +84,18 @@ class GuidedDiffusion(DiffusionModel):
         global_cond: Float[Tensor, "b modulations"] | None = None,
         generator: torch.Generator | None = None,
         noise: Float[Tensor, "b ..."] | None = None,
-        push: Float[Tensor, "b 2"] | None = None,
+        push: Float[Tensor, "b action"] | None = None,
         descent: Callable[[Tensor], Tensor] | None = None,
-    ) -> Float[Tensor, "b t 2"]:
+    ) -> Float[Tensor, "b t action"]:
         """LeRobot's denoising loop, with what guidance does within it.
 
         Args:
             batch_size: Rows.
             global_cond: What the trunk made of each row's observation.
             generator: Source of noise if `noise` is None.
-            noise: (b, draws, horizon, 2): the initial noise, then that of each step but the last if DDPM.
+            noise: (b, draws, horizon, action): the initial noise, then that of each step but the last if DDPM.
             push: Added to the predicted noise of every action of the chunk, in normalised action units.
-            descent: Of clean actions in [m], the slope per metre that they are moved down at every step.
+            descent: Of clean actions, the slope per unit that they are moved down at every step.
         """
         self.noise_scheduler.set_timesteps(self.num_inference_steps)
         draws = 1 if self.eta == 0 else self.num_inference_steps
@@ -104,7 +109,7 @@ class GuidedDiffusion(DiffusionModel):
             level = torch.full((batch_size,), int(t), device=sample.device)
             output = self.unet(sample, level, global_cond=global_cond)
             if push is not None:
-                output = self._pushed(output, push, int(t))
+                output = output + push
             if descent is not None:
                 output = self._descended(output, sample, descent, int(t))
             sample = self.noise_scheduler.step(
@@ -117,48 +122,36 @@ class GuidedDiffusion(DiffusionModel):
             ).prev_sample
         return sample
 
-    def _pushed(self, output: Float[Tensor, "b t 2"], push: Float[Tensor, "b 1 2"], t: int) -> Float[Tensor, "b t 2"]:
-        """Network output with the noise it stands for pushed; one that predicts x0 implies a noise."""
-        if self.config.prediction_type == "epsilon":
-            return output + push
-        alpha = self.noise_scheduler.alphas_cumprod[t]
-        return output - ((1 - alpha) / alpha).sqrt() * push
-
     def _descended(
         self,
-        output: Float[Tensor, "b t 2"],
-        sample: Float[Tensor, "b t 2"],
+        output: Float[Tensor, "b t action"],
+        sample: Float[Tensor, "b t action"],
         descent: Callable[[Tensor], Tensor],
         t: int,
-    ) -> Float[Tensor, "b t 2"]:
-        """Network output with the clean actions it stands for moved down the slope of what they lead to.
+    ) -> Float[Tensor, "b t action"]:
+        """Predicted noise with the clean actions it stands for moved down the slope of what they lead to.
 
         The slope is taken at the actions as the sampler clips them; per normalised unit it is `action_unit` times
         that per metre.
         """
         alpha = self.noise_scheduler.alphas_cumprod[t]
-        clean = output
-        if self.config.prediction_type == "epsilon":
-            clean = (sample - (1 - alpha).sqrt() * output) / alpha.sqrt()
+        clean = (sample - (1 - alpha).sqrt() * output) / alpha.sqrt()
         unit = self.config.action_unit
         step = unit * descent(clean.clamp(-1, 1) * unit)
-        if self.config.prediction_type == "epsilon":
-            return output + (alpha / (1 - alpha)).sqrt() * step
-        return output - step
+        return output + (alpha / (1 - alpha)).sqrt() * step
 
     def compute_loss(self, batch: dict[str, Any]) -> Tensor:
-        """Mean squared error of the prediction, over several noise levels per observation.
+        """Mean squared error of the predicted noise, over several noise levels per observation.
 
         Args:
-            batch: observation.state (b, n_obs, 4), observation.environment_state (b, n_obs, 12),
-                action (b, horizon, 2) in [m], action_is_pad (b, horizon).
+            batch: observation.state and observation.environment_state (b, n_obs, ...), action (b, horizon, ...), in
+                the task's layout, and action_is_pad (b, horizon).
         """
         if self.training and self.config.permute:
-            swap = torch.rand(2, len(batch[ACTION]), device=batch[ACTION].device) < 0.5
-            batch = {**batch, OBS_ENV_STATE: permute(batch[OBS_ENV_STATE], swap[0], swap[1])}
+            batch = {**batch, OBS_ENV_STATE: self.features.relabel(batch[OBS_ENV_STATE])}
         if self.training and self.config.displacement > 0:
             offset = self.config.displacement * torch.randn_like(batch[ACTION][:, 0])
-            state, action = displace(batch[OBS_STATE], batch[ACTION], offset)
+            state, action = self.features.displace(batch[OBS_STATE], batch[ACTION], offset)
             batch = {**batch, OBS_STATE: state, ACTION: action}
         draws = self.config.noise_draws
         condition = self._prepare_global_conditioning(batch).repeat_interleave(draws, dim=0)
@@ -166,7 +159,6 @@ class GuidedDiffusion(DiffusionModel):
         noise = torch.randn_like(clean)
         level = torch.randint(self.config.num_train_timesteps, (len(clean),), device=clean.device)
         noisy = self.noise_scheduler.add_noise(clean, noise, level)
-        target = noise if self.config.prediction_type == "epsilon" else clean
-        loss = F.mse_loss(self.unet(noisy, level, global_cond=condition), target, reduction="none")
+        loss = F.mse_loss(self.unet(noisy, level, global_cond=condition), noise, reduction="none")
         inside = ~batch["action_is_pad"].repeat_interleave(draws, dim=0)[..., None]
         return (loss * inside).sum() / (inside.sum() * loss.shape[-1])

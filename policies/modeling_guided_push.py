@@ -1,5 +1,6 @@
 """The guided push policy: LeRobot's `DiffusionPolicy` with its own denoiser, and guidance as it samples."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,10 @@ from lerobot.utils.constants import OBS_ENV_STATE, OBS_STATE
 from torch import Tensor
 
 from policies.configuration_guided_push import GuidedPushConfig
-from policies.guidance import Guidance
-from policies.guidance_methods import make_guidance
+from policies.guidance import Guidance, Unguided
 from policies.guided_diffusion import GuidedDiffusion
+from policies.methods import METHODS
+from policies.setup import Setup
 from policies.weight_average import WeightAverage
 from policies.weights_hash import check_hashes, write_hashes
 from richmap.similarity.load_field import load_field
@@ -27,31 +29,37 @@ class GuidedPushPolicy(DiffusionPolicy):
 
     config_class = GuidedPushConfig
     name = "guided_push"
+    guidance: Guidance = Unguided()
 
     def __init__(self, config: GuidedPushConfig, **kwargs: Any) -> None:
         super().__init__(config, **kwargs)
         self.diffusion = GuidedDiffusion(config)
         field = load_field(Path(config.energy_field)) if config.needs_field else None
-        self.guidance: Guidance = make_guidance(
-            config.guidance, config.guidance_scale, field, config.guidance_base, config.guidance_seed
+        self.guidance = METHODS[config.guidance].make(
+            Setup(config.guidance_scale, field, config.guidance_base, config.guidance_seed, config.space)
         )
         self.average: WeightAverage | None = None
 
+    def reset(self, rows: Sequence[int] | None = None) -> None:
+        """Start new episodes, in these rows of the batch; None for all, as LeRobot does."""
+        super().reset()
+        self.guidance.reset(rows)
+
     @property
     def noise_shape(self) -> tuple[int, ...]:
-        """Shape of the noise that one row's chunk needs: (draws, horizon, 2); of several samples, one after another."""
+        """Shape of the noise of one row's chunk: (draws, horizon, action), the draws of several samples in a row."""
         draws = 1 if self.config.noise_scheduler_type == "DDIM" else self.diffusion.num_inference_steps
         return (self.guidance.samples * draws, self.config.horizon, self.config.action_feature.shape[0])
 
     @torch.no_grad()
     def predict_action_chunk(
         self, batch: dict[str, Any], noise: Float[Tensor, "b ..."] | None = None
-    ) -> Float[Tensor, "b n_action_steps 2"]:
-        """Actions for the next steps, in [m].
+    ) -> Float[Tensor, "b n_action_steps action"]:
+        """Actions for the next steps, in the task's units.
 
         Args:
             batch: The last `n_obs_steps` observations of each row; not looked at within `select_action`.
-            noise: Rows of `noise_shape`, or of (horizon, 2) for DDIM; drawn from torch's generator if None.
+            noise: Rows of `noise_shape`, or of (horizon, action) for DDIM; drawn from torch's generator if None.
         """
         if any(self._queues.values()):
             batch = {key: torch.stack(list(self._queues[key]), dim=1) for key in (OBS_STATE, OBS_ENV_STATE)}

@@ -115,6 +115,14 @@ def _energy_field(arrays: Arrays, about: dict[str, str]) -> None:
     _check_range(_array(arrays, "values", ("<f4", "<f8"), *shape), "values", -LARGEST_VALUE, LARGEST_VALUE)
 
 
+def _signed_distance_field(arrays: Arrays, about: dict[str, str]) -> None:
+    _check_names(arrays, {"values", "inner", "outer"})
+    inner, outer = (_array(arrays, name, "<f8", 1) for name in ("inner", "outer"))
+    _check_range(inner, "inner", 0, FAR)
+    _check_range(outer, "outer", inner[0], np.inf)
+    _energy_field({"values": arrays["values"]}, about)
+
+
 def _convex_parts(arrays: Arrays, about: dict[str, str]) -> None:
     _check_numbers(about, dict.fromkeys(("robot_fingerprint", "source", "licence"), str))
     for name in arrays:
@@ -128,6 +136,7 @@ CONTENTS: dict[str, Callable[[Arrays, dict[str, str]], None]] = {
     "richmap.FractionMap": _fraction_map,
     "richmap.CoverageBitmap": _coverage_bitmap,
     "richmap.EnergyField": _energy_field,
+    "richmap.SignedDistanceField": _signed_distance_field,
     "richmap.ConvexParts": _convex_parts,
 }
 """Of each kind what checks it."""

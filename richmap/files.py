@@ -58,18 +58,7 @@ def load_arrays(path: Path | str, kind: str, version: int) -> tuple[dict[str, np
             kind must (`richmap.file_contents`).
     """
     path = Path(path)
-    try:
-        if not stat.S_ISREG(path.stat().st_mode):  # To open a pipe would wait for whoever writes to it.
-            raise OSError("it is no file with a content")
-        with safe_open(path, framework="numpy") as archive:  # refuses a header that does not fit the file's length
-            about = archive.metadata() or {}
-        with path.open("rb") as file:
-            length = int.from_bytes(file.read(8), "little")
-            header = json.loads(file.read(length))
-    except (SafetensorError, OSError, ValueError, RecursionError) as error:
-        if isinstance(error, (FileNotFoundError, PermissionError)):
-            raise
-        raise FileRefusedError(f"{path} is cut short or no {kind} ({error}). Delete it and make it again.") from error
+    header, length, about = _header(path, kind)
     found = about.pop("kind", None), about.pop("version", None)
     if found != (kind, str(version)):
         raise FileRefusedError(
@@ -88,6 +77,33 @@ def load_arrays(path: Path | str, kind: str, version: int) -> tuple[dict[str, np
         why = error if isinstance(error, ValueError) else repr(error)
         raise FileRefusedError(f"{path} is damaged: {why}. Delete it and make it again.") from error
     return arrays, about
+
+
+def texts_of(path: Path | str, kind: str) -> dict[str, str]:
+    """The texts of a file, its kind and version among them.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        FileRefusedError: If it is cut short.
+    """
+    return _header(Path(path), kind)[2]
+
+
+def _header(path: Path, kind: str) -> tuple[dict, int, dict[str, str]]:
+    """What a file says of its arrays, how many bytes that takes, and its texts."""
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):  # To open a pipe would wait for whoever writes to it.
+            raise OSError("it is no file with a content")
+        with safe_open(path, framework="numpy") as archive:  # refuses a header that does not fit the file's length
+            about = archive.metadata() or {}
+        with path.open("rb") as file:
+            length = int.from_bytes(file.read(8), "little")
+            header = json.loads(file.read(length))
+    except (SafetensorError, OSError, ValueError, RecursionError) as error:
+        if isinstance(error, (FileNotFoundError, PermissionError)):
+            raise
+        raise FileRefusedError(f"{path} is cut short or no {kind} ({error}). Delete it and make it again.") from error
+    return header, length, about
 
 
 def check_robot(path: Path | str, name: str, fingerprint: str, robot: "RobotDescription | None") -> None:

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from policies.block_push.features import KINDS, displace, feature_count, observation_features, permute
+from policies.block_push.features import displace, feature_count, observation_features, permute
 
 YES, NO = torch.ones(5, dtype=torch.bool), torch.zeros(5, dtype=torch.bool)
 
@@ -18,48 +18,19 @@ def observation():
     return state, environment
 
 
-def test_each_kind_holds_the_one_before(observation):
-    absolute, relative, pair = (observation_features(*observation, kind) for kind in KINDS)
-    n_absolute, n_relative, n_pair = (feature_count(3, kind) for kind in KINDS)
-    assert absolute.shape[1] == n_absolute < relative.shape[1] == n_relative < pair.shape[1] == n_pair
-    assert torch.equal(pair[:, :n_relative], relative)
-    n_positions = 10  # Of tool, blocks and targets; what moves with the tool comes after them.
-    assert torch.equal(relative[:, :n_positions], absolute[:, :n_positions])
-    assert torch.equal(relative[:, n_positions + n_relative - n_absolute :], absolute[:, n_positions:])
-
-
 def test_relative_features_do_not_change_when_everything_moves_together(observation):
     """But for the absolute positions and the way to the start, which stays where it is."""
     state, environment = observation
     shift = torch.tensor([0.1, -0.05])
     moved = environment.clone()
     moved.unflatten(-1, (4, 3))[..., :2] += shift
-    n, m = 10, feature_count(3) - feature_count(3, "absolute")
-    before = observation_features(state, environment)[:, n : n + m]
-    after = observation_features(state + shift.repeat(2), moved)[:, n : n + m]
+    n = 10  # Positions of tool, blocks and targets; what moves with the tool comes after them.
+    before = observation_features(state, environment)[:, n:]
+    after = observation_features(state + shift.repeat(2), moved)[:, n:]
     start = slice(20, 26)  # Offsets to blocks at three scales (12) and to targets at two (8) come first.
     assert (before - after)[:, start].abs().max() > 0.1
     before[:, start], after[:, start] = 0, 0
     torch.testing.assert_close(before, after, atol=1e-4, rtol=0)
-
-
-def test_pair_features_are_the_oracles_geometry():
-    """On the line behind a block that faces its target: no lateral offset, no yaw error, at the approach point."""
-    state, environment = torch.zeros(1, 1, 4), torch.zeros(1, 1, 12)
-    angle, block = 0.7, torch.tensor([0.4, -0.1])
-    heading = torch.tensor([math.cos(angle), math.sin(angle)])
-    target = block + 0.3 * heading
-    environment[..., 0:2], environment[..., 2], environment[..., 6:8] = block, angle, target
-    environment[..., 3:5], environment[..., 9:11] = torch.tensor([0.5, -0.2]), torch.tensor([0.3, 0.2])
-    state[..., 0:2] = state[..., 2:4] = block - 0.05 * heading
-    pair = observation_features(state, environment, "pair")[:, feature_count(1) :]
-    shapes = [(2, 2, 2), (2, 2), (2, 2), *[(2, 2, 2)] * 6]
-    parts = pair[0].split([math.prod(shape) for shape in shapes])
-    parts = [part.view(shape) for part, shape in zip(parts, shapes, strict=True)]
-    torch.testing.assert_close(parts[0][0, 0], heading)
-    assert parts[1][0, 0] == pytest.approx(0, abs=1e-5) and parts[2][0, 0] == pytest.approx(1)
-    torch.testing.assert_close(parts[3][0, 0], torch.zeros(2), atol=1e-6, rtol=0)
-    torch.testing.assert_close(parts[6][0, 0], torch.tensor([-0.05 / 0.15, 0.0]), atol=1e-5, rtol=0)
 
 
 @pytest.mark.parametrize("swap", [(YES, NO), (NO, YES), (YES, YES)])
@@ -85,8 +56,8 @@ def test_rows_are_relabelled_one_by_one(observation):
 
 def test_relabelling_only_reorders_the_features(observation):
     state, environment = observation
-    plain = observation_features(state, environment, "pair").sort(dim=1).values
-    relabelled = observation_features(state, permute(environment, YES, YES), "pair").sort(dim=1).values
+    plain = observation_features(state, environment).sort(dim=1).values
+    relabelled = observation_features(state, permute(environment, YES, YES)).sort(dim=1).values
     assert torch.allclose(plain, relabelled)
 
 

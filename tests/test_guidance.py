@@ -9,16 +9,20 @@ import torch
 from policies.block_push.push_reach import overreach
 from policies.block_push.reorder import Reorder
 from policies.fields import MARGIN, Infeasibility, Ring, Towards, Turned
-from policies.guidance import Guidance
-from policies.guidance_methods import BestOf, Descent, Projection, Push, make_guidance
-from policies.methods import METHODS
+from policies.flange_path import FlangePath
+from policies.guidance import Guidance, Unguided
+from policies.guidance_methods import BestOf, Descent, Projection, Push
+from policies.methods import METHODS, method_named
 from policies.modeling_guided_push import GuidedPushPolicy
+from policies.setup import Setup
 from richmap.geometry.grid import Grid
 from richmap.similarity.energy import EnergyField
 from richmap.similarity.signed_distance import SignedDistanceField, feasible_ring
+from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
 INNER, OUTER = 0.2, 0.55
 BASE = (0.05, 0.0)
+PATH = FlangePath(BLOCK_PUSH_SPACE)
 CHECKPOINT = Path(__file__).parents[1] / "results" / "checkpoints" / "seed42-1"
 
 
@@ -61,28 +65,28 @@ def places(effector):
 
 
 def test_the_push_is_lambda_times_the_slope_on_the_table(slope):
-    push = Push(slope, 0.5).push(torch.zeros(3, 4))
+    push = Push(slope, 0.5, PATH).push(torch.zeros(3, 4))
     torch.testing.assert_close(push, torch.tensor([[0.1, -0.05]]).expand(3, 2))
 
 
 def test_the_push_is_asked_for_where_the_flange_is():
     bowl = field_of(lambda points: (points**2).sum(axis=1) / 2)
     effector = torch.tensor([[0.3, -0.4, 0.0, 0.0], [0.5, 0.2, 0.0, 0.0]])
-    torch.testing.assert_close(Push(bowl, 2.0).push(effector), 2 * effector[:, :2], rtol=1e-5, atol=1e-6)
+    torch.testing.assert_close(Push(bowl, 2.0, PATH).push(effector), 2 * effector[:, :2], rtol=1e-5, atol=1e-6)
 
 
 def test_works_where_autograd_is_off(slope):
     with torch.inference_mode():
-        assert Push(slope, 1.0).push(torch.zeros(1, 4))[0, 0] == pytest.approx(0.2)
+        assert Push(slope, 1.0, PATH).push(torch.zeros(1, 4))[0, 0] == pytest.approx(0.2)
 
 
 def method(name, scale, field=None, seed=3):
-    return make_guidance(name, scale, field, BASE, seed)
+    return method_named(name).make(Setup(scale, field, BASE, seed, BLOCK_PUSH_SPACE))
 
 
 @pytest.mark.parametrize("name", METHODS)
 def test_no_method_does_anything_at_scale_zero(name):
-    assert type(method(name, 0.0)) is Guidance
+    assert type(method(name, 0.0)) is Unguided
 
 
 def test_flipped_is_minus_the_papers(bumpy):
@@ -117,6 +121,11 @@ def test_shuffled_belongs_to_its_seed_and_is_the_same_within_a_cell(slope):
     np.testing.assert_allclose(first, second, atol=1e-12)
     np.testing.assert_array_equal(Turned(slope, 5).gradient(same_cell), turned.gradient(same_cell))
     assert not np.allclose(Turned(slope, 6).gradient(same_cell), turned.gradient(same_cell))
+
+
+def test_the_interface_itself_is_no_method():
+    with pytest.raises(TypeError, match="abstract class Guidance"):
+        Guidance()
 
 
 def test_a_ring_is_still_inside_and_pushes_back_outside():
@@ -185,7 +194,7 @@ def test_the_descent_of_a_chunk_is_the_slope_of_its_summed_cost(bumpy):
         reached = (effector[:, None, 2:] + actions.cumsum(1)).reshape(-1, 2).numpy()
         return bumpy.value_and_gradient(np.hstack([reached, np.full((len(reached), 1), 0.06)]))[0].sum()
 
-    descent = Descent(bumpy, 1.5).descent(actions, effector)
+    descent = Descent(bumpy, 1.5, PATH).descent(actions, effector)
     for index in np.ndindex(3, 4, 2):
         h = torch.zeros_like(actions)
         h[index] = 1e-5
@@ -194,7 +203,7 @@ def test_the_descent_of_a_chunk_is_the_slope_of_its_summed_cost(bumpy):
 
 @pytest.mark.parametrize("inside", [1e-6, 0.03])
 def test_projection_lands_in_the_feasible_set_and_stays_there(distance, inside):
-    projection = Projection(distance, inside)
+    projection = Projection(distance, inside, PATH)
     once = projection.project(places(effectors(500)))
     assert (distance.value_and_gradient(once)[0] <= -inside).all()
     np.testing.assert_array_equal(projection.project(once), once)
@@ -203,12 +212,12 @@ def test_projection_lands_in_the_feasible_set_and_stays_there(distance, inside):
 def test_projection_moves_along_the_radius_to_the_border(distance):
     points = np.array([[BASE[0] + 0.7 * 0.8, 0.7 * 0.6, 0.06]])
     np.testing.assert_allclose(
-        Projection(distance, 0.01).project(points), [[BASE[0] + 0.54 * 0.8, 0.54 * 0.6, 0.06]], atol=0.015
+        Projection(distance, 0.01, PATH).project(points), [[BASE[0] + 0.54 * 0.8, 0.54 * 0.6, 0.06]], atol=0.015
     )
 
 
 def test_a_projected_chunk_commands_allowed_places_and_others_are_left_alone(distance):
-    projection, effector = Projection(distance, 0.01), effectors(200)
+    projection, effector = Projection(distance, 0.01, PATH), effectors(200)
     chunk = torch.tensor(np.random.default_rng(2).uniform(-0.03, 0.03, (200, 4, 2)), dtype=torch.float32)
     corrected = projection.correct(chunk, effector)
     commanded = effector[:, None, 2:] + corrected.cumsum(1)
@@ -226,7 +235,7 @@ def test_a_projected_chunk_commands_allowed_places_and_others_are_left_alone(dis
 def test_the_best_chunk_is_the_one_that_leads_to_the_least_cost(bumpy):
     effector = effectors(30)
     chunks = torch.tensor(np.random.default_rng(4).uniform(-0.03, 0.03, (30, 8, 4, 2)), dtype=torch.float32)
-    best = BestOf(bumpy, 8).choose(chunks, effector)
+    best = BestOf(bumpy, 8, PATH).choose(chunks, effector)
     for row in range(30):
         ends = effector[row, 2:] + chunks[row].sum(1)
         costs = [bumpy.value_and_gradient(np.array([[*end.double(), 0.06]]))[0] for end in ends]
@@ -236,7 +245,7 @@ def test_the_best_chunk_is_the_one_that_leads_to_the_least_cost(bumpy):
 def test_of_equal_chunks_the_first_is_taken(distance):
     chunks = torch.tensor(np.random.default_rng(4).uniform(-0.01, 0.01, (5, 8, 4, 2)), dtype=torch.float32)
     effector = torch.tensor([[0.42, 0.0, 0.42, 0.0]]).expand(5, 4)  # Far from any border: no cost.
-    assert torch.equal(BestOf(Infeasibility(distance), 8).choose(chunks, effector), chunks[:, 0])
+    assert torch.equal(BestOf(Infeasibility(distance), 8, PATH).choose(chunks, effector), chunks[:, 0])
 
 
 def test_what_a_method_cannot_work_with_is_refused(slope):
@@ -244,7 +253,7 @@ def test_what_a_method_cannot_work_with_is_refused(slope):
         method("papr", 1.0)
     with pytest.raises(ValueError, match="'paper' needs a field of energy"):
         method("paper", 1.0)
-    with pytest.raises(ValueError, match="not a field of similarity"):
+    with pytest.raises(ValueError, match="a field of feasibility, SignedDistanceField. Got EnergyField"):
         method("projection", 1.0, slope)
     with pytest.raises(ValueError, match="number of samples, 1 or more. Got 2.5"):
         method("best_of_n_energy", 2.5, slope)
@@ -265,7 +274,7 @@ def test_overreach_is_how_far_the_pusher_gets_beyond_the_border(distance):
     ends = [blocks[:, :, None] - 0.05 * way / length, blocks[:, :, None] + (length - 0.07) * way / length]
     farthest = np.max([np.linalg.norm(end - BASE, axis=-1) for end in ends], axis=0)
     pushed = length[..., 0] > 0.1  # A shorter push may end before the approach to it.
-    found = overreach(distance, blocks, targets, 0.01, 0.06)
+    found = overreach(distance, blocks, targets, 0.01)
     expected = np.maximum(0, farthest - OUTER + 0.01)
     assert np.abs(found - expected)[pushed].max() < 0.01  # Half a cell of the field.
     assert (found == 0).any() and (found > 0.1).any()
@@ -311,7 +320,7 @@ def test_the_shown_scene_is_what_the_policy_acts_on(distance):
 def test_a_block_that_was_thrown_off_the_field_is_left_for_later(distance):
     """As far beyond reach as it lies, at least: the way to it leads over the border and the field's edge."""
     blocks, targets = np.array([[[0.35, -0.2], [2.0, 1.5]]]), np.array([[[0.28, 0.2], [0.52, 0.2]]])
-    found = overreach(distance, blocks, targets, 0.0, 0.06)[0, 1]
+    found = overreach(distance, blocks, targets, 0.0)[0, 1]
     assert (found > np.linalg.norm(blocks[0, 1] - BASE) - OUTER - 0.01).all() and (found < 3).all()
     real = scene(*blocks[0])
     shown = Reorder(distance, 0.0).imagine(real, torch.tensor([[0.3, -0.4, 0.3, -0.4]]))

@@ -9,21 +9,21 @@ from diffusers.schedulers.scheduling_ddpm import DDPMScheduler
 from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
 from lerobot.policies import get_policy_class, make_pre_post_processors
 
-from envs.arm import arms
-from envs.block_push import scene
-from policies import guidance
-from policies.block_push import features
 from policies.configuration_guided_push import GuidedPushConfig
-from policies.guidance_methods import Push, make_guidance
+from policies.flange_path import FlangePath
+from policies.guidance_methods import Push
 from policies.methods import METHODS
 from policies.modeling_guided_push import GuidedPushPolicy
 from policies.noise import episode_noise
+from policies.setup import Setup
 from richmap.geometry.grid import Grid
 from richmap.similarity.energy import EnergyField
 from richmap.similarity.load_field import load_field
 from richmap.similarity.signed_distance import SignedDistanceField
+from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
 ROWS = 6
+PATH = FlangePath(BLOCK_PUSH_SPACE)
 
 
 def make_policy(**fields) -> GuidedPushPolicy:
@@ -71,6 +71,11 @@ def field_files(tmp_path_factory):
     return {name: folder / f"{name}.safetensors" for name in ("energy", "feasibility")}
 
 
+def made(name, scale, field, base, seed):
+    """A method in block push."""
+    return METHODS[name].make(Setup(scale, field, base, seed, BLOCK_PUSH_SPACE))
+
+
 def noise_for(policy, rows=range(ROWS)):
     return episode_noise([100 + row for row in rows], 0, policy.noise_shape)
 
@@ -96,21 +101,20 @@ def test_a_row_does_not_depend_on_the_others(batch, sampler):
 def test_zero_scale_is_bit_equal_to_no_guidance(batch, sampler):
     policy = make_policy(noise_scheduler_type=sampler)
     plain = policy.predict_action_chunk(batch, noise_for(policy))
-    policy.guidance = Push(slope(0.3, 0.1), 0.0)
+    policy.guidance = Push(slope(0.3, 0.1), 0.0, PATH)
     assert torch.equal(policy.predict_action_chunk(batch, noise_for(policy)), plain)
 
 
-@pytest.mark.parametrize("prediction", ["epsilon", "sample"])
-def test_a_constant_field_shifts_the_sample_as_the_formula_says(batch, prediction):
+def test_a_constant_field_shifts_the_sample_as_the_formula_says(batch):
     """With a network that sees nothing but noise it put in, the shift of DDIM has a closed form."""
-    policy = make_policy(prediction_type=prediction, clip_sample=False)
+    policy = make_policy(clip_sample=False)
     model = policy.diffusion
     with torch.no_grad():
         for parameter in model.unet.output.parameters():
             parameter.zero_()  # Predicts 0 everywhere, so that the push is all there is.
     noise = noise_for(policy)
     plain = policy.predict_action_chunk(batch, noise)
-    policy.guidance = Push(slope(0.2, -0.1), 0.5)
+    policy.guidance = Push(slope(0.2, -0.1), 0.5, PATH)
     shift = policy.predict_action_chunk(batch, noise) - plain
     push = torch.tensor([0.1, -0.05])
     alphas = model.noise_scheduler.alphas_cumprod
@@ -118,9 +122,8 @@ def test_a_constant_field_shifts_the_sample_as_the_formula_says(batch, predictio
     expected = torch.zeros(2)
     for level, following in zip(levels, [*levels[1:], None], strict=True):
         a, b = alphas[level], alphas[following] if following is not None else torch.tensor(1.0)
-        noise_shift = push if prediction == "epsilon" else (expected + (1 - a).sqrt() * push) / (1 - a).sqrt()
-        clean_shift = (expected - (1 - a).sqrt() * noise_shift) / a.sqrt()
-        expected = b.sqrt() * clean_shift + (1 - b).sqrt() * noise_shift
+        clean_shift = (expected - (1 - a).sqrt() * push) / a.sqrt()
+        expected = b.sqrt() * clean_shift + (1 - b).sqrt() * push
     torch.testing.assert_close(shift, (0.03 * expected).expand_as(shift), rtol=1e-4, atol=1e-7)
 
 
@@ -143,7 +146,7 @@ def test_ddpm_is_lerobots_ddpm(batch):
 
 def test_actions_stay_within_one_unit(batch):
     policy = make_policy()
-    policy.guidance = Push(slope(1e3, -1e3), 1.0)
+    policy.guidance = Push(slope(1e3, -1e3), 1.0, PATH)
     assert policy.predict_action_chunk(batch, noise_for(policy)).abs().max() <= 0.03
 
 
@@ -185,17 +188,16 @@ def test_guidance_from_the_config_is_guidance_in_code(batch, tmp_path):
     slope(0.3, 0.1).save(tmp_path / "field.safetensors")
     configured = make_policy(guidance_scale=0.5, energy_field=str(tmp_path / "field.safetensors"))
     coded = make_policy()
-    coded.guidance = Push(slope(0.3, 0.1), 0.5)
+    coded.guidance = Push(slope(0.3, 0.1), 0.5, PATH)
     noise = noise_for(coded)
     assert torch.equal(configured.predict_action_chunk(batch, noise), coded.predict_action_chunk(batch, noise))
 
 
-@pytest.mark.parametrize("prediction", ["epsilon", "sample"])
-def test_the_papers_guidance_is_the_slope_added_to_the_noise_at_every_step(batch, prediction):
+def test_the_papers_guidance_is_the_slope_added_to_the_noise_at_every_step(batch):
     """To the last bit, against the loop written out."""
-    policy = make_policy(prediction_type=prediction)
+    policy = make_policy()
     noise, field, model = noise_for(policy), slope(0.3, -0.2), policy.diffusion
-    policy.guidance = make_guidance("paper", 0.5, field, (0.0, 0.0), 0)
+    policy.guidance = made("paper", 0.5, field, (0.0, 0.0), 0)
     xy = batch["observation.state"][:, -1, :2]
     points = torch.cat([xy, torch.full((ROWS, 1), 0.06)], dim=1).double().numpy()
     push = 0.5 * torch.tensor(field.gradient(points)[:, :2], dtype=torch.float32)[:, None]
@@ -205,22 +207,19 @@ def test_the_papers_guidance_is_the_slope_added_to_the_noise_at_every_step(batch
         scheduler.set_timesteps(10)
         for t in scheduler.timesteps:
             output = model.unet(sample, torch.full((ROWS,), int(t)), global_cond=condition)
-            alpha = scheduler.alphas_cumprod[t]
-            output = output + push if prediction == "epsilon" else output - ((1 - alpha) / alpha).sqrt() * push
-            sample = scheduler.step(output, int(t), sample).prev_sample
+            sample = scheduler.step(output + push, int(t), sample).prev_sample
     assert torch.equal(policy.predict_action_chunk(batch, noise), sample[:, :1] * 0.03)
 
 
-@pytest.mark.parametrize("prediction", ["epsilon", "sample"])
-def test_a_descent_moves_the_clean_actions_by_the_chain_rule(batch, prediction):
+def test_a_descent_moves_the_clean_actions_by_the_chain_rule(batch):
     """The clean actions that the scheduler finds in the output move by minus the scale times dJ per normalised unit."""
-    model = make_policy(prediction_type=prediction, clip_sample=False).diffusion
+    model = make_policy(clip_sample=False).diffusion
     model.noise_scheduler.set_timesteps(10)
     generator = torch.Generator().manual_seed(2)
     sample, output = torch.randn(2, ROWS, 4, 2, generator=generator)
-    guidance, effector = make_guidance("chunk", 2.0, slope(0.3, -0.2), (0.0, 0.0), 0), batch["observation.state"][:, -1]
+    guidance, state = made("chunk", 2.0, slope(0.3, -0.2), (0.0, 0.0), 0), batch["observation.state"][:, -1]
     for t in (90, 50, 0):
-        descended = model._descended(output, sample, partial(guidance.descent, effector=effector), t)
+        descended = model._descended(output, sample, partial(guidance.descent, state=state), t)
         step = model.noise_scheduler.step
         moved = step(descended, t, sample).pred_original_sample - step(output, t, sample).pred_original_sample
         steps_left = torch.tensor([4.0, 3.0, 2.0, 1.0])[:, None]  # The first action moves all four places.
@@ -236,7 +235,7 @@ def test_a_method_from_the_config_is_that_method_in_code_and_repeats(name, batch
     fields = dict(guidance=name, guidance_scale=scale, guidance_base=(0.02, 0.0), guidance_seed=7)
     configured = make_policy(noise_scheduler_type=sampler, energy_field=str(field_files.get(kind, "")), **fields)
     coded = make_policy(noise_scheduler_type=sampler)
-    coded.guidance = make_guidance(name, scale, field, (0.02, 0.0), 7)
+    coded.guidance = made(name, scale, field, (0.02, 0.0), 7)
     noise = noise_for(coded)
     assert noise.shape[1] == (3 if METHODS[name].counts else 1) * (10 if sampler == "DDPM" else 1)
     actions = coded.predict_action_chunk(batch, noise)
@@ -249,7 +248,7 @@ def test_a_method_from_the_config_is_that_method_in_code_and_repeats(name, batch
 def test_the_best_of_one_is_direct(name, batch, sampler, field_files):
     policy = make_policy(noise_scheduler_type=sampler)
     plain = policy.predict_action_chunk(batch, noise_for(policy))
-    policy.guidance = make_guidance(name, 1.0, load_field(field_files[METHODS[name].field]), (0.0, 0.0), 0)
+    policy.guidance = made(name, 1.0, load_field(field_files[METHODS[name].field]), (0.0, 0.0), 0)
     assert torch.equal(policy.predict_action_chunk(batch, noise_for(policy)), plain)
 
 
@@ -258,8 +257,8 @@ def test_more_samples_keep_the_first(batch, sampler):
     policy = make_policy(noise_scheduler_type=sampler)
     plain = policy.predict_action_chunk(batch, noise_for(policy))
     chunks = []
-    policy.guidance = make_guidance("best_of_n_energy", 4.0, slope(0.3, 0.1), (0.0, 0.0), 0)
-    policy.guidance.choose = lambda found, effector: chunks.append(found) or found[:, 0]
+    policy.guidance = made("best_of_n_energy", 4.0, slope(0.3, 0.1), (0.0, 0.0), 0)
+    policy.guidance.choose = lambda found, state: chunks.append(found) or found[:, 0]
     torch.testing.assert_close(policy.predict_action_chunk(batch, noise_for(policy)), plain, rtol=1e-5, atol=1e-8)
     assert chunks[0].shape == (ROWS, 4, 4, 2) and not torch.equal(chunks[0][:, 0], chunks[0][:, 1])
     policy.predict_action_chunk(batch)  # As under lerobot-eval, where noise is torch's.
@@ -301,8 +300,3 @@ def test_lerobot_finds_the_policy_and_its_processors(batch):
     preprocess, postprocess = make_pre_post_processors(config, dataset_stats={"action": {"min": 0, "max": 1}})
     assert torch.equal(preprocess(dict(batch))["observation.state"], batch["observation.state"])
     assert torch.equal(postprocess(torch.ones(1, 2)), torch.ones(1, 2))
-
-
-def test_policy_and_environment_speak_of_the_same_places():
-    assert features.START == tuple(scene.START)
-    assert guidance.FLANGE_HEIGHT == arms.HEIGHT

@@ -14,8 +14,7 @@ from benchmark.settings.config import RobotConfig
 from benchmark.sweeps.chosen_scale import read_methods, with_scale
 from benchmark.sweeps.scale_sweep import ScalesConfig
 from envs.block_push.task import BLOCK_PUSH
-from policies.methods import FIRST, METHODS
-from policies.methods import scales as scales_of
+from policies.methods import GUIDED, METHODS
 from tests.made_up_episodes import CONDITION, episode
 
 pytestmark = pytest.mark.system
@@ -28,9 +27,8 @@ def rows(method, scale, placed, first=50_000, weights="abc"):
 
 
 def test_scales_double_and_every_method_has_some():
-    assert set(FIRST) == set(METHODS) - {"direct"}
-    for method in FIRST:
-        values = scales_of(method, 9)
+    for method in GUIDED:
+        values = METHODS[method].scales(9)
         np.testing.assert_array_equal(np.divide(values[1:], values[:-1]), 2)
         assert len(values) == (5 if METHODS[method].counts else 9)
 

@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = ("mujoco", "robosuite", "pin", "coal", "numpy", "scipy", "numba", "torch", "lerobot", "diffusers")
 """Whose versions decide an episode; pinned exactly."""
 
-OWN = ("rollout", "stock_policy", "guidance_class", "unguided", "arm_oracle")
+OWN = ("rollout", "stock_policy", "guidance_class", "arm_oracle")
 """Modules here that decide an episode."""
 
 ALIKE = {"75f4cf8a43e5": "ce7997918d00"}

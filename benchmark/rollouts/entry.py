@@ -115,7 +115,7 @@ class Entry:
             config = replace(config, sampler=sampler, sampling_steps=steps)
         field, path = guidance_field(None if about.field == "none" else about.field, arm, config, console)
         condition = make_condition(config, arm, about.name, about.scale, checkpoint, field, self.files_hash)
-        guidance = self._guidance(checkpoint)
+        guidance = self._guidance()
         if guidance is not None:
             try:
                 guidance.make(about.scale, path, arm.base[:2], 0)
@@ -127,14 +127,12 @@ class Entry:
                 ) from error
         return Rollout(chosen_task(config.task), arm, condition, checkpoint, path, guidance)
 
-    def _guidance(self, checkpoint: Path) -> GuidanceClass | None:
-        """Its class; for a policy of our type one that does nothing, for another none."""
-        if self.about.guidance:
-            file, name = self.about.guidance.rsplit(":", 1)
-            return GuidanceClass(self._inside(file), name)
-        if Checkpoint(checkpoint).type == GUIDED:
-            return GuidanceClass(Path(__file__).with_name("unguided.py"), "Unguided")
-        return None
+    def _guidance(self) -> GuidanceClass | None:
+        """Its class, if it brings one."""
+        if not self.about.guidance:
+            return None
+        file, name = self.about.guidance.rsplit(":", 1)
+        return GuidanceClass(self._inside(file), name)
 
     def _inside(self, path: str) -> Path:
         """A path of the folder's."""

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, NoReturn
 from benchmark.settings.command import SettingError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from torch import Tensor
 
     from policies.guidance import Guidance
@@ -23,7 +25,9 @@ class GuidanceClass:
     file: Path
     name: str
 
-    def make(self, scale: float, field: Path | None, base: tuple[float, float], seed: int) -> "Guidance":
+    def make(
+        self, scale: float, field: Path | None, base: tuple[float, float], seed: int, width: int = 2
+    ) -> "Guidance":
         """An instance, called as `Class(field, scale, base, seed)`; running the file, so only what is trusted.
 
         Args:
@@ -31,6 +35,7 @@ class GuidanceClass:
             field: File of the field that it asked for, which it is given loaded; None without one.
             base: Position of the arm's base, x and y in [m].
             seed: Of what is random.
+            width: Numbers of the task's actions.
 
         Raises:
             SettingError: If the file does not have such a class. Likewise whatever is asked of the instance later,
@@ -55,7 +60,7 @@ class GuidanceClass:
         if not inspect.isclass(found) or not issubclass(found, Guidance):
             raise SettingError(f"{self.file} has no class {self.name} that is a policies.guidance.Guidance.")
         theirs = found(load_field(field) if field else None, scale, base, seed)
-        return _checked(theirs, f"{self.file}: {self.name}")
+        return _checked(theirs, f"{self.file}: {self.name}", width)
 
 
 class _FromSource(SourceFileLoader):
@@ -78,7 +83,7 @@ class _FinderBelow:
         return FileFinder(path, (_FromSource, SOURCE_SUFFIXES))
 
 
-def _checked(theirs: "Guidance", where: str) -> "Guidance":
+def _checked(theirs: "Guidance", where: str, width: int) -> "Guidance":
     """The same, but what it raises, and answers that are no finite tensors of the right shape, are said by name."""
     import torch
 
@@ -105,26 +110,35 @@ def _checked(theirs: "Guidance", where: str) -> "Guidance":
             found = f"a tensor {tuple(answer.shape)}" if is_tensor else f"of type {type(answer).__name__}"
             raise SettingError(
                 f"{where}.{name} gave what is {found}. It gives a tensor {shape} of finite numbers, also in rows of a "
-                "batch that have no episode, whose effector and scene are zeros."
+                "batch that have no episode, whose state and scene are zeros."
             )
         return answer.to(given[0])
 
     class Checked(Guidance):
         samples, looks_ahead = theirs.samples, theirs.looks_ahead
 
-        def imagine(self, environment: "Tensor", effector: "Tensor") -> "Tensor":
-            return ask("imagine", tuple(environment.shape), environment, effector)
+        def __init__(self) -> None:
+            pass
 
-        def push(self, effector: "Tensor") -> "Tensor | None":
-            return ask("push", (len(effector), 2), effector, or_none=True)
+        def reset(self, rows: "Sequence[int] | None") -> None:
+            try:
+                theirs.reset(rows)
+            except Exception as error:  # Whatever somebody's file may raise.
+                raise SettingError(f"{where}.reset raised {type(error).__name__}: {error}") from error
 
-        def descent(self, actions: "Tensor", effector: "Tensor") -> "Tensor":
-            return ask("descent", tuple(actions.shape), actions, effector)
+        def imagine(self, environment: "Tensor", state: "Tensor") -> "Tensor":
+            return ask("imagine", tuple(environment.shape), environment, state)
 
-        def choose(self, chunks: "Tensor", effector: "Tensor") -> "Tensor":
-            return ask("choose", (len(chunks), *chunks.shape[2:]), chunks, effector)
+        def push(self, state: "Tensor") -> "Tensor | None":
+            return ask("push", (len(state), width), state, or_none=True)
 
-        def correct(self, chunk: "Tensor", effector: "Tensor") -> "Tensor":
-            return ask("correct", tuple(chunk.shape), chunk, effector)
+        def descent(self, actions: "Tensor", state: "Tensor") -> "Tensor":
+            return ask("descent", tuple(actions.shape), actions, state)
+
+        def choose(self, chunks: "Tensor", state: "Tensor") -> "Tensor":
+            return ask("choose", (len(chunks), *chunks.shape[2:]), chunks, state)
+
+        def correct(self, chunk: "Tensor", state: "Tensor") -> "Tensor":
+            return ask("correct", tuple(chunk.shape), chunk, state)
 
     return Checked()

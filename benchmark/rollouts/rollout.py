@@ -14,6 +14,7 @@ from benchmark.episodes.table import Condition, Episode
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.settings.command import SettingError
 from envs.task import Task
+from policies.methods import METHODS
 from richmap.worker import worker_pool
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ class Rollout:
     field: Path | None
     """The field that guidance looks at; None without one."""
     guidance: GuidanceClass | None = None
-    """The class of a method that is not ours; None for ours."""
+    """The class of a method that is not ours; None for ours, and for an entry that brings a policy alone."""
 
 
 def roll_out(rollout: Rollout, seeds: Iterable[int], workers: int) -> Iterator[list[Episode]]:
@@ -83,7 +84,7 @@ def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], No
     shape = rollout.condition.batch_shape
     seed_of = {seed % shape: seed for seed in seeds}
     policy = load_policy(rollout)
-    policy.reset()
+    policy.reset(sorted(seed_of))
     environments = {slot: _environment(rollout, slot, watch is not None) for slot in seed_of}
     shapes = _shapes(rollout.task)
     batch = {name: np.zeros((shape, *shapes[name]), np.float32) for name in OBSERVED.values()}
@@ -147,7 +148,7 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
         return StockPolicy(rollout.checkpoint, rollout.condition.device, _shapes(rollout.task))
     config = checked_config(rollout.checkpoint, _shapes(rollout.task))
     config.device = rollout.condition.device
-    if rollout.guidance is None:
+    if rollout.condition.method in METHODS:
         config.guidance, config.guidance_scale = rollout.condition.method, rollout.condition.guidance_scale
     config.guidance_base = rollout.arm.base[:2]
     config.guidance_seed = max(0, rollout.condition.training_seed)
@@ -157,7 +158,11 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
     policy = checked_policy(rollout.checkpoint, config)
     if rollout.guidance is not None:
         policy.guidance = rollout.guidance.make(
-            rollout.condition.guidance_scale, rollout.field, config.guidance_base, config.guidance_seed
+            rollout.condition.guidance_scale,
+            rollout.field,
+            config.guidance_base,
+            config.guidance_seed,
+            config.space.action.width,
         )
     return policy.to(rollout.condition.device).eval()
 

@@ -1,5 +1,6 @@
 """Any LeRobot policy in a rollout: with its own processors, and noise that a rollout can repeat."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -38,8 +39,8 @@ class StockPolicy:
                 config, str(checkpoint), preprocessor_overrides={"device_processor": {"device": device}}
             )
 
-    def reset(self) -> None:
-        """Start new episodes."""
+    def reset(self, rows: Sequence[int]) -> None:
+        """Start new episodes, in these rows of the batch; such a policy is told of all at once."""
         self.policy.reset()
 
     def select_action(self, batch: dict[str, Float[Tensor, "b ..."]], number: int, step: int) -> Float[Tensor, "b a"]:

@@ -209,15 +209,17 @@ def sampling(config: EnvironmentSpeedConfig, console: "Console") -> Iterator[lis
     from benchmark.artifacts.known_policies import checkpoint_folder
     from benchmark.rollouts.make_rollout import make_rollout
     from benchmark.rollouts.rollout import load_policy
-    from policies.methods import FIRST
+    from policies.methods import GUIDED, METHODS
 
     checkpoint, (first, *_) = checkpoint_folder(config.seed), SAMPLERS
     timed = [(sampler, "paper", config.threads) for sampler in SAMPLERS]
-    timed += [(first, method, [1]) for method in FIRST if method != "paper"]
+    timed += [(first, method, [1]) for method in GUIDED if method != "paper"]
     for sampler, method, some_threads in timed:
         steps = SAMPLERS[sampler]
         run = RunConfig(RobotConfig("ur3"), method=method, sampler=sampler, sampling_steps=steps, device="cpu")
-        plain, guided = (load_policy(make_rollout(run, scale, checkpoint, console)) for scale in (0.0, FIRST[method]))
+        plain, guided = (
+            load_policy(make_rollout(run, scale, checkpoint, console)) for scale in (0.0, METHODS[method].first)
+        )
         rows = []
         for threads, n in product(some_threads, config.environments):
             torch.set_num_threads(threads)

@@ -11,7 +11,7 @@ from benchmark.settings.command import check_setting
 from benchmark.settings.config import TASK_ARMS, ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig, robot_field
 from benchmark.settings.recipe import USUAL
 from benchmark.sweeps.chosen_scale import arm_folder, read_methods
-from policies.methods import METHODS, MOST_SAMPLES, scales
+from policies.methods import GUIDED, METHODS, MOST_SAMPLES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,7 +38,7 @@ class ScalesConfig:
     """Arm that acts: ur3, ur5, ur10 or xarm6."""
     task: str = "block_push"
     """What is to be done (see benchmark.run)."""
-    methods: list[str] = field(default_factory=lambda: [name for name in METHODS if name != "direct"])
+    methods: list[str] = field(default_factory=lambda: [*GUIDED])
     """Methods, as in methods=[paper,towards] (see benchmark.run)."""
     points: int = 9
     """Most scales of a method, each twice the one before; it ends sooner when the policy collapses. From 1 to 16."""
@@ -73,7 +73,7 @@ class ScalesConfig:
 
     def __post_init__(self) -> None:
         for name in self.methods or [None]:
-            check_setting(name in METHODS and name != "direct", "methods", name, ", ".join([*METHODS][1:]))
+            check_setting(name in GUIDED, "methods", name, ", ".join(GUIDED))
         check_setting(1 <= self.points <= 16, "points", self.points, "a whole number from 1 to 16")
         check_setting(bool(self.seeds), "seeds", self.seeds, "one or more whole numbers")
         validation = 50_000 <= self.seed_start <= 60_000 - self.episodes
@@ -94,7 +94,7 @@ class ScalesConfig:
 
 def budget(config: ScalesConfig) -> str:
     """What the sweep costs at most."""
-    points = 1 + sum(len(scales(method, config.points)) for method in config.methods)
+    points = 1 + sum(len(METHODS[method].scales(config.points)) for method in config.methods)
     episodes = points * len(config.seeds) * config.episodes
     hours = episodes * EPISODE_SECONDS / config.workers / 3600
     return (
@@ -108,7 +108,6 @@ def method_fields(config: ScalesConfig, console: "Console") -> "dict[str, tuple[
     """The field that each method looks at, and its file; those of one kind are built once."""
     from benchmark.episodes.arm import chosen_arm
     from benchmark.rollouts.make_rollout import guidance_field
-    from policies.methods import METHODS
 
     run = config.run(config.seeds[0])
     arm = chosen_arm(run)
@@ -137,7 +136,7 @@ def sweep(
         These episodes of all methods in the arm's folder, as far as this version of the code produced them.
     """
     reference = run_points({"direct": direct}, config, "Direct transfer", console)["direct"]
-    going = {method: scales(method, config.points) for method in config.methods}
+    going = {method: METHODS[method].scales(config.points) for method in config.methods}
     for level in range(config.points):
         points = {
             method: [guided(rollout, method, values[level], *fields[method]) for rollout in direct]
@@ -214,7 +213,7 @@ def markdown(table: "pd.DataFrame", task: "Task") -> str:
     """The tables for people, an arm after the other."""
     from benchmark.episodes.arm import setting_text
 
-    units = "\n".join(f"- `{name}`: λ is {method.scale}." for name, method in METHODS.items() if name != "direct")
+    units = "\n".join(f"- `{name}`: λ is {method.scale}." for name, method in METHODS.items() if name in GUIDED)
     parts = [TEXT.format(most=MOST_SAMPLES, units=units, score=task.ranking[0])]
     for arm, group in table.groupby(CHOSEN_FOR, sort=True):
         about = dict(zip(CHOSEN_FOR, arm, strict=True))

@@ -1,14 +1,26 @@
-"""Reorder."""
+"""Of two blocks the one first that the arm can push: guidance by what the policy is shown."""
+
+from typing import final
 
 import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
-from policies.block_push.push_reach import PLACED, overreach
-from policies.guidance import FLANGE_HEIGHT, Guidance
+from policies.block_push.push_reach import overreach
+from policies.guidance import Guidance
+from policies.setup import Setup
 from richmap.similarity.signed_distance import SignedDistanceField
+from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE, PLACED
+
+STATE, SCENE = BLOCK_PUSH_SPACE.state, BLOCK_PUSH_SPACE.environment
+BLOCKS, TARGETS = (
+    [slice(SCENE[name].start, SCENE[name].start + 2) for name in names]
+    for names in (("block", "block2"), ("target", "target2"))
+)
+"""Where their xy are in a scene."""
 
 
+@final
 class Reorder(Guidance):
     """Leaves for later what the arm cannot push: the policy is shown that block as if it were in its target already.
 
@@ -24,17 +36,22 @@ class Reorder(Guidance):
     def __init__(self, distance: SignedDistanceField, margin: float) -> None:
         self.distance, self.margin = distance, margin
 
-    def imagine(self, environment: Float[Tensor, "b t 12"], effector: Float[Tensor, "b 4"]) -> Float[Tensor, "b t 12"]:
-        objects = environment[:, -1].unflatten(1, (4, 3))[..., :2].double().cpu().numpy()
-        blocks, targets = objects[:, :2], objects[:, 2:]
-        cost = overreach(self.distance, blocks, targets, self.margin, FLANGE_HEIGHT)  # (b, block, target)
+    def imagine(self, environment: Float[Tensor, "b t 12"], state: Float[Tensor, "b 4"]) -> Float[Tensor, "b t 12"]:
+        scene = environment[:, -1].double().cpu().numpy()
+        blocks, targets = (np.stack([scene[:, at] for at in which], 1) for which in (BLOCKS, TARGETS))
+        cost = overreach(self.distance, blocks, targets, self.margin)  # (b, block, target)
         placed = np.linalg.norm(blocks[:, :, None] - targets[:, None], axis=-1).min((1, 2)) < PLACED
-        far = np.linalg.norm(blocks - effector[:, None, :2].double().cpu().numpy(), axis=-1)
+        far = np.linalg.norm(blocks - state[:, None, STATE["effector"]].double().cpu().numpy(), axis=-1)
         shown = environment.clone()
         for row in np.flatnonzero(~placed & (cost > 0).any((1, 2))):
             crossed = int(np.trace(cost[row]) > np.trace(cost[row, ::-1]))
             pairs = [(block, block ^ crossed) for block in (0, 1)]
             _, _, later = max((cost[row][pair], far[row, pair[0]], pair) for pair in pairs)
             block, target = later
-            shown[row, :, 3 * block : 3 * block + 2] = environment[row, :, 6 + 3 * target : 8 + 3 * target]
+            shown[row, :, BLOCKS[block]] = environment[row, :, TARGETS[target]]
         return shown
+
+
+def reorder(given: Setup) -> Reorder:
+    """What the arm cannot push is left for later."""
+    return Reorder(given.field, given.scale)

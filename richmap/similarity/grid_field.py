@@ -66,7 +66,7 @@ class GridField(ABC):
 
     def save(self, path: Path) -> None:
         """Write the field as one safetensors file, atomically."""
-        numbers = {each.name: np.array(getattr(self, each.name)) for each in fields(self)[len(fields(GridField)) :]}
+        numbers = {each.name: np.array([getattr(self, each.name)]) for each in fields(self)[len(fields(GridField)) :]}
         about = {"grid": json.dumps(asdict(self.grid)), **self.about}
         save_arrays(path, self.KIND, self.VERSION, {"values": self.values, **numbers}, about)
 

@@ -3,15 +3,15 @@
 import json
 from pathlib import Path
 
-from safetensors import SafetensorError, safe_open
-
-from richmap.files import FileRefusedError, reading
+from richmap.files import FileRefusedError, reading, texts_of
 from richmap.geometry.grid import Grid
 from richmap.similarity.energy import EnergyField
 from richmap.similarity.signed_distance import SignedDistanceField
 
 StoredField = EnergyField | SignedDistanceField
 """What guidance may be made with."""
+FIELDS = {"energy": EnergyField, "feasibility": SignedDistanceField}
+"""By the name that settings and entries have for them."""
 
 
 def load_field(path: Path) -> StoredField:
@@ -23,14 +23,10 @@ def load_field(path: Path) -> StoredField:
     Raises:
         FileRefusedError: If the file is cut short, is no field, or has another version.
     """
-    try:
-        with safe_open(path, framework="numpy") as archive:
-            about = archive.metadata() or {}
-    except SafetensorError as error:
-        raise FileRefusedError(f"{path} is cut short or no field ({error}). Delete it and make it again.") from error
+    about = texts_of(path, "field")
     if about.get("kind") == EnergyField.KIND and "outer" in about:
         return _distance_among_energies(path)
-    for kind in (EnergyField, SignedDistanceField):
+    for kind in FIELDS.values():
         if about.get("kind") == kind.KIND:
             return kind.load(path)
     raise FileRefusedError(f"{path} holds {about.get('kind')}, which is no field. Delete it and make it again.")
@@ -40,4 +36,6 @@ def _distance_among_energies(path: Path) -> SignedDistanceField:
     with reading(path, EnergyField.KIND, EnergyField.VERSION) as (arrays, about):
         grid = Grid.from_dict(json.loads(about.pop("grid")))
         inner, outer = float(about.pop("inner")), float(about.pop("outer"))
+        if not 0 <= inner <= outer:
+            raise ValueError(f"its ring is from {inner} to {outer} m")
         return SignedDistanceField(grid, arrays["values"], about, inner, outer)

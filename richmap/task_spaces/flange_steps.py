@@ -39,6 +39,11 @@ class FlangeSteps:
         return [TWIST.index(axis) for axis in self.axes if axis in TWIST[:3]]
 
     @property
+    def moving(self) -> list[int]:
+        """Which numbers of an action do so."""
+        return [i for i, axis in enumerate(self.axes) if axis in TWIST[:3]]
+
+    @property
     def jacobian(self) -> Float[np.ndarray, "6 action"]:
         """How the commanded pose moves per unit of each number of an action: translation, then rotation."""
         return np.stack([np.eye(6)[TWIST.index(axis)] for axis in self.axes], axis=1)

@@ -1,5 +1,6 @@
 """Pushes that the policy cannot make on this arm are made by a planner; all others are the policy's own."""
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -16,8 +17,9 @@ from envs.block_push.oracle import ORIENT_ABOVE, ORIENT_RADIUS, quarter_turn_err
 from envs.block_push.success import inside
 from envs.block_push.workspace import HEIGHT, WORKSPACE
 from policies.block_push.push_reach import overreach
-from policies.guidance import FLANGE_HEIGHT, Guidance
+from policies.guidance import Guidance
 from richmap.similarity.signed_distance import SignedDistanceField
+from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
 SPACING = 0.01
 """Of the points at which the planner asks where the arm can hold its tool, in [m]."""
@@ -42,16 +44,18 @@ class HandOver(Guidance):
     def __init__(self, field: SignedDistanceField, scale: float, base: tuple[float, float], seed: int) -> None:
         self._field, self._margin, self._table = field, scale, table_of(field.about["target"], base)
         self._ways = lru_cache(maxsize=128)(lambda x, y: BlockWays(self._table, np.array([x, y])))
-        self._planners: dict[int, tuple[AwarePusher, np.ndarray]] = {}  # With the scene that it saw last.
+        self._planners: dict[int, AwarePusher] = {}  # Of the rows whose last push was the planner's.
         self._steps: dict[int, np.ndarray] = {}
 
-    def imagine(self, environment: Float[Tensor, "b t 12"], effector: Float[Tensor, "b 4"]) -> Float[Tensor, "b t 12"]:
+    def reset(self, rows: Sequence[int] | None) -> None:
+        """Planners go on within an episode only."""
+        for row in [*self._planners] if rows is None else rows:
+            self._planners.pop(row, None)
+
+    def imagine(self, environment: Float[Tensor, "b t 12"], state: Float[Tensor, "b 4"]) -> Float[Tensor, "b t 12"]:
         """What the policy is shown; meanwhile the planner's steps are planned."""
-        if environment.shape[1] < 2:
-            raise ValueError("The planner tells episodes apart by the scene before: it guides policies that see two.")
-        scenes = environment.double().cpu().numpy().reshape(*environment.shape[:2], 4, 3)
-        tools = effector.double().cpu().numpy()
-        now = scenes[:, -1]
+        now = environment[:, -1].double().cpu().numpy().reshape(-1, 4, 3)
+        tools = state.double().cpu().numpy()
         cost = demand(self._field, now[:, :2], now[:, 2:, :2], self._margin)
         shown, planners, self._steps = environment.clone(), {}, {}
         for row in np.flatnonzero((cost > 0).any((1, 2))):
@@ -65,15 +69,12 @@ class HandOver(Guidance):
                 (block, target), (other, its) = by_ease(cost[row], far)
                 shown[row, :, 3 * other : 3 * other + 2] = environment[row, :, 6 + 3 * its : 8 + 3 * its]
             if cost[row, block, target] > 0 and not placed[block, target]:
-                planner, seen = self._planners.get(row, (None, None))
-                if planner is None or not np.array_equal(seen, scenes[row, -2]):  # Another episode.
-                    planner = AwarePusher(self._table)
-                planners[row] = planner, now[row]
-                self._steps[row] = self._step(planner, tools[row], blocks, block, targets[target])
+                planners[row] = self._planners.get(row) or AwarePusher(self._table)
+                self._steps[row] = self._step(planners[row], tools[row], blocks, block, targets[target])
         self._planners = planners
         return shown
 
-    def correct(self, chunk: Float[Tensor, "b t 2"], effector: Float[Tensor, "b 4"]) -> Float[Tensor, "b t 2"]:
+    def correct(self, chunk: Float[Tensor, "b t 2"], state: Float[Tensor, "b 4"]) -> Float[Tensor, "b t 2"]:
         """The planner's steps in place of the policy's."""
         chunk = chunk.clone()
         for row, step in self._steps.items():
@@ -102,12 +103,12 @@ def demand(
 
     Where a block has to be turned first, so that a face of it is behind, turning it counts as well. In [m].
     """
-    straight = overreach(field, blocks[..., :2], targets, margin, FLANGE_HEIGHT)
+    straight = overreach(field, blocks[..., :2], targets, margin)
     way = targets[:, None] - blocks[:, :, None, :2]  # (b, block, target, 2)
     turned = np.abs(np.vectorize(quarter_turn_error)(np.arctan2(way[..., 1], way[..., 0]) - blocks[:, :, None, 2]))
     angle = np.linspace(0, 2 * np.pi, 16, endpoint=False)
     places = blocks[:, :, None, :2] + ORIENT_RADIUS * np.column_stack([np.cos(angle), np.sin(angle)])
-    points = np.concatenate([places, np.full_like(places[..., :1], FLANGE_HEIGHT)], -1)
+    points = BLOCK_PUSH_SPACE.steps.positions(places)
     points = points.clip(*(np.array([axis[end] for axis in field.grid.axes()]) for end in (0, -1)))
     around = field.value_and_gradient(points.reshape(-1, 3))[0].reshape(places.shape[:3]).max(2) + margin
     return np.maximum(straight, np.where(turned > ORIENT_ABOVE, around[..., None], 0))

@@ -1,0 +1,71 @@
+"""Where a chunk of actions leads the flange, and what a slope there means for the actions."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from richmap.task_spaces.task_space import TaskSpace
+
+
+@dataclass(frozen=True)
+class FlangePath:
+    """The task's map from actions to commanded flange poses, for the tensors of a policy.
+
+    Coordinates are those that actions move, such as x and y of block push, in the tensors' own precision.
+    """
+
+    space: TaskSpace
+
+    def measured(self, state: Float[Tensor, "b state"]) -> Float[Tensor, "b moved"]:
+        """Coordinates of the flange where it is."""
+        return state[:, self._coordinates(self.space.measured)]
+
+    def commanded(self, state: Float[Tensor, "b state"]) -> Float[Tensor, "b moved"]:
+        """Coordinates of the flange where it was told to be."""
+        return state[:, self._coordinates(self.space.commanded)]
+
+    def steps(self, actions: Float[Tensor, "*b action"]) -> Float[Tensor, "*b moved"]:
+        """What actions add to the coordinates."""
+        return actions[..., self.space.steps.moving]
+
+    def with_steps(
+        self, actions: Float[Tensor, "*b action"], steps: Float[Tensor, "*b moved"]
+    ) -> Float[Tensor, "*b action"]:
+        """Actions that add this instead."""
+        actions = actions.clone()
+        actions[..., self.space.steps.moving] = steps
+        return actions
+
+    def places(
+        self, actions: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
+    ) -> Float[Tensor, "b t moved"]:
+        """Coordinates that a chunk commands, one after another: steps add up."""
+        return self.commanded(state)[:, None] + self.steps(actions).cumsum(1)
+
+    def positions(self, coordinates: Float[Tensor, "*b moved"]) -> Float[np.ndarray, "n 3"]:
+        """The flange's positions in the world, in [m], row after row."""
+        return self.space.steps.positions(coordinates.detach().cpu().numpy()).reshape(-1, 3)
+
+    def coordinates(self, positions: Float[np.ndarray, "n 3"], like: Tensor) -> Tensor:
+        """Coordinates of positions, in the shape and precision of others."""
+        moved = positions[:, self.space.steps.moved]
+        return torch.as_tensor(moved, dtype=like.dtype, device=like.device).view_as(like)
+
+    def along_action(self, slope: Float[np.ndarray, "n 3"], like: Tensor) -> Float[Tensor, "n action"]:
+        """A slope at the flange's position, per metre, as one along the action that moves it there (chain rule)."""
+        pulled = slope @ self.space.steps.jacobian[:3]
+        return torch.as_tensor(pulled, dtype=like.dtype, device=like.device)
+
+    def along_chunk(
+        self, slope: Float[np.ndarray, "n 3"], actions: Float[Tensor, "b t action"]
+    ) -> Float[Tensor, "b t action"]:
+        """Slopes at all places of a chunk as one along its actions: each moves its own place and all after it."""
+        return self.along_action(slope, actions).view_as(actions).flip(1).cumsum(1).flip(1)
+
+    def _coordinates(self, part: str) -> slice:
+        """Where in `observation.state` they are: a part begins with them."""
+        start = self.space.state[part].start
+        return slice(start, start + len(self.space.steps.moved))

@@ -1,0 +1,22 @@
+"""What a method of guidance is made with."""
+
+from dataclasses import dataclass
+
+from richmap.similarity.load_field import StoredField
+from richmap.task_spaces.task_space import TaskSpace
+
+
+@dataclass(frozen=True)
+class Setup:
+    """One arm in one task."""
+
+    scale: float
+    """Of the method, in its own unit."""
+    field: StoredField | None
+    """What it looks at, if anything."""
+    base: tuple[float, float]
+    """Position of the arm's base, x and y in [m]."""
+    seed: int
+    """Of what is random."""
+    space: TaskSpace
+    """The task's numbers, and what its actions do to the flange."""
