@@ -31,8 +31,9 @@ def main(config: RunConfig) -> None:
         file = folder / f"{config.robot.name}-{config.setting}-{scale}-{seed}.gif"
         episode = record(rollout, seed, file)
         outcome = episode.outcome
-        how = f"failed by {outcome.failure_cause}" if outcome.failure_cause else "both blocks placed"
-        console.print(f"{file}: score {outcome.score}, {outcome.length} steps, {how}", soft_wrap=True)
+        how = f"failed by {outcome.failure_cause}" if outcome.failure_cause else "succeeded"
+        scores = ", ".join(f"{name} {getattr(outcome, name)}" for name in rollout.task.score_names)
+        console.print(f"{file}: {how}, {scores}, {outcome.length} steps", soft_wrap=True)
 
 
 if __name__ == "__main__":

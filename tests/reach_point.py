@@ -36,8 +36,6 @@ class Reached:
     share_stuck: float
     """Of steps, in which the tip could not follow."""
     failure_cause: str | None
-    path: tuple[int, ...]
-    """Distance to the point after each step, in whole [mm]."""
 
 
 def draw_scene(seed):
@@ -100,7 +98,6 @@ def summarize(infos):
         went_left=bool(steps[0]["left"]),
         share_stuck=float(stuck),
         failure_cause=None if reached else "outer_reach" if stuck else "time_out",
-        path=tuple(np.rint(1000 * away[1:]).astype(int).tolist()),
     )
 
 

@@ -23,13 +23,11 @@ from omegaconf import DictConfig
 from benchmark.settings.config import SOURCE, RunConfig
 from benchmark.settings.recipe import policy_name
 from benchmark.settings.setting import SettingError
+from benchmark.settings.task import chosen_task
 from benchmark.settings.typed import typed
 
 if TYPE_CHECKING:
     import pandas as pd
-
-NOT_KEPT = ["path_x", "path_y"]
-"""Columns of a row that the sweep's own tables and curves do without."""
 
 
 @dataclass
@@ -41,6 +39,8 @@ class JobRecord:
     """Which runs it alone."""
     left_out: bool = False
     """Whether it would guide the source, for which a table of transfer has no row."""
+    came_out: str = ""
+    """What it came to, in a line; empty if it failed."""
     reason: str = ""
     """Why it failed, in a line; empty if it did not."""
     refused: bool = False
@@ -62,6 +62,8 @@ def run_job(config: DictConfig) -> None:
         if not record.left_out:
             alone = hydra.runtime.choices["hydra/launcher"] == "basic"  # All jobs in one process, one after another.
             rows = _rolled_out(job, job.workers if alone else 1, Path(hydra.sweep.dir))
+            score = chosen_task(job.task).ranking[0]
+            record.came_out = f"{score} {100 * rows[score].mean():.1f} % of {len(rows)} episodes"
     except SettingError as error:
         record.reason, record.refused = " ".join(str(error).split()), True
     except Exception as error:
@@ -96,14 +98,14 @@ def _write(folder: Path, number: int, record: JobRecord, rows: "pd.DataFrame | N
 
     if rows is not None:
         with replacing(folder / f"{number}.parquet") as path:
-            rows.drop(columns=NOT_KEPT, errors="ignore").to_parquet(path, index=False)
+            rows.to_parquet(path, index=False)
     with replacing(folder / f"{number}.json") as path:
         path.write_text(json.dumps(asdict(record), indent=1))
     if record.left_out:
         return
     total = folder / "total"
     of = f" of {total.read_text()}" if total.exists() else ""
-    how = f"failed. {record.reason}" if rows is None else f"p2 {100 * rows.p2.mean():.1f} % of {len(rows)} episodes"
+    how = f"failed. {record.reason}" if record.reason else record.came_out
     print(f"Job {number + 1}{of}: {record.name}: {how}", flush=True)
 
 
