@@ -1,4 +1,7 @@
-"""A second task, for tests alone: a tip in the plane goes to a point. No physics: an arm is how far it reaches."""
+"""A second task, for tests alone: a tip in the plane goes to a point. No physics: an arm is how far it reaches.
+
+Importing it makes LeRobot know the policy of two layers.
+"""
 
 import json
 import math
@@ -15,6 +18,7 @@ from envs.task import Score, Task, Trait
 from richmap.task_spaces.flange_steps import FlangeSteps
 from richmap.task_spaces.layout import Layout, Part
 from richmap.task_spaces.task_space import TaskSpace
+from tests.configuration_two_layer import TwoLayerConfig
 
 LONGEST = 0.1
 """Step along an axis, in [m]."""
@@ -150,7 +154,7 @@ def save_policy(folder: Path, gain: float, seed: int = 42) -> Path:
     from lerobot.configs import FeatureType, PolicyFeature
     from lerobot.processor import DeviceProcessorStep, PolicyProcessorPipeline
 
-    from tests.modeling_two_layer import TwoLayerConfig, TwoLayerPolicy
+    from tests.modeling_two_layer import TwoLayerPolicy
 
     config = TwoLayerConfig(
         device="cpu",
