@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from huggingface_hub import ModelCard
 from jaxtyping import Float
 from lerobot.policies.diffusion.modeling_diffusion import DiffusionPolicy
 from lerobot.utils.constants import OBS_ENV_STATE, OBS_STATE
@@ -19,12 +20,15 @@ from policies.weight_average import WeightAverage
 from policies.weights_hash import check_hashes, write_hashes
 from richmap.similarity.load_field import load_field
 
+CARD = "README.md"
+
 
 class GuidedPushPolicy(DiffusionPolicy):
     """A diffusion policy whose sampling can be guided; plain and guided runs share one checkpoint.
 
     Attributes:
         guidance: What is done to the sampling.
+        card: The README that the weights were loaded with; None where they came without, or were trained further.
     """
 
     config_class = GuidedPushConfig
@@ -39,6 +43,22 @@ class GuidedPushPolicy(DiffusionPolicy):
             Setup(config.guidance_scale, field, config.guidance_base, config.guidance_seed, config.space)
         )
         self.average: WeightAverage | None = None
+        self.card: str | None = None
+
+    @classmethod
+    def from_pretrained(cls, pretrained_name_or_path: str | Path, **kwargs: Any) -> "GuidedPushPolicy":
+        """The policy of a folder or of a repository on the Hub; see LeRobot's `PreTrainedPolicy`.
+
+        A relative path that is not found from here is looked for in the project's own folder.
+
+        Raises:
+            FileNotFoundError: If it can only be a folder, and there is none.
+        """
+        folder = _folder_of(pretrained_name_or_path)
+        policy = super().from_pretrained(folder or pretrained_name_or_path, **kwargs)
+        if folder is not None and (folder / CARD).is_file():
+            policy.card = (folder / CARD).read_text(encoding="utf-8")
+        return policy
 
     def reset(self, rows: Sequence[int] | None = None) -> None:
         """Start new episodes, in these rows of the batch; None for all, as LeRobot does."""
@@ -70,12 +90,19 @@ class GuidedPushPolicy(DiffusionPolicy):
         if self.average is None:
             self.average = WeightAverage(self, self.config.average_decay)
         self.average.update(self)
+        self.card = None  # It describes other weights.
+
+    def generate_model_card(self, *args: Any, **kwargs: Any) -> ModelCard:
+        """The card that the policy was loaded with, which says how it was made; LeRobot's for one without."""
+        return super().generate_model_card(*args, **kwargs) if self.card is None else ModelCard(self.card)
 
     def _save_pretrained(self, save_directory: Path, state_dict: dict[str, Tensor] | None = None) -> None:
         if state_dict is None and self.average is not None:
             state_dict = {**self.state_dict(), **self.average.weights}
         super()._save_pretrained(save_directory, state_dict=state_dict)
         write_hashes(Path(save_directory))
+        if self.card is not None:  # `push_to_hub` uploads what is saved, and writes no card.
+            (Path(save_directory) / CARD).write_text(self.card, encoding="utf-8")
 
     @classmethod
     def _load_as_safetensor(
@@ -83,3 +110,14 @@ class GuidedPushPolicy(DiffusionPolicy):
     ) -> "GuidedPushPolicy":
         check_hashes(Path(model_file).parent)
         return super()._load_as_safetensor(model, model_file, map_location, strict)
+
+
+def _folder_of(name: str | Path) -> Path | None:
+    """The folder that a name means; None for a repository on the Hub."""
+    folder = Path(name)
+    for place in (folder, Path(__file__).parents[1] / folder):
+        if place.is_dir():
+            return place
+    if isinstance(name, Path) or folder.is_absolute() or len(folder.parts) > 2 or str(name).startswith("."):
+        raise FileNotFoundError(f"There is no folder {name} in {Path.cwd()}. Give the whole path of a checkpoint.")
+    return None

@@ -10,9 +10,9 @@ from lerobot.datasets import LeRobotDataset
 from benchmark.artifacts.progress import progress_bar
 from benchmark.settings.config import SOURCE
 from benchmark.training.demonstration import Demonstration
+from envs.block_push.task import BLOCK_PUSH
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
-TASK = "Push the two blocks into the two squares, one in each."
 FPS = 10
 """Control steps per second."""
 
@@ -66,5 +66,5 @@ def _frames(episode: Demonstration) -> Iterator[dict]:
             "next.done": np.array([i == last]),
             "kind": episode.kind,
             "seed": np.array([episode.seed]),
-            "task": TASK,
+            "task": BLOCK_PUSH.description,
         }

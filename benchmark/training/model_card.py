@@ -1,10 +1,19 @@
-"""The README of a checkpoint: what it is, how it was made, how to load it."""
+"""The README of a checkpoint: what it is, how it was made, how to load it; the Hub reads the lines at its head."""
 
 import json
 from collections.abc import Mapping
 from pathlib import Path
 
-TEMPLATE = """# Source policy `{name}`
+TEMPLATE = """---
+license: mit
+library_name: lerobot
+pipeline_tag: robotics
+model_name: guided_push
+tags: [lerobot, robotics, guided_push]
+datasets: [{dataset}]
+---
+
+# Source policy `{name}`
 
 A guided diffusion policy (LeRobot policy type `guided_push`) for pushing two blocks into two targets with the
 {robot}, from states. The weights are the exponential moving average over training.
@@ -26,7 +35,16 @@ Made by `python -m benchmark.train` with
 {config}
 ```
 
-Load it with `GuidedPushPolicy.from_pretrained(folder)`, or evaluate it with LeRobot:
+Load it, from this folder or from the Hub:
+
+```python
+import lerobot_policy_guided_push  # Registers the type: without it LeRobot does not know `guided_push`.
+from policies.modeling_guided_push import GuidedPushPolicy
+
+policy = GuidedPushPolicy.from_pretrained("path/to/this/folder")
+```
+
+Or evaluate it with LeRobot, which finds the type itself where the project is installed:
 
     lerobot-eval --policy.path=<this folder> --env.type=guided_push --env.task=BlockPush-xArm6-v0 \\
         --eval.n_episodes=50 --seed=50000

@@ -209,6 +209,7 @@ def _publish(
     policy = pipeline.policy
     facts = {
         "robot": demonstrations.meta.robot_type,
+        "dataset": demonstrations.meta.repo_id,
         "episodes": demonstrations.n_episodes,
         "frames": demonstrations.n_frames,
         "kinds": ", ".join(f"{count} {kind}" for kind, count in demonstrations.kinds.items()),

@@ -15,7 +15,7 @@ from envs.arm.placed_arm import PlacedArm, start_posture
 from envs.arm.renderer import Renderer
 from envs.block_push.scene import Scene, draw_scene
 from envs.block_push.success import both_placed, inside, rewards, score
-from envs.block_push.workspace import CONTROL_FREQUENCY, HEIGHT, POSES, WORKSPACE
+from envs.block_push.workspace import CONTROL_FREQUENCY, DESCRIPTION, HEIGHT, POSES, WORKSPACE
 from richmap.task_spaces.block_push import AT, BLOCK_PUSH_SPACE, BLOCKS, START, TARGETS
 
 with warnings.catch_warnings():
@@ -57,7 +57,7 @@ class BlockPushEnv(gymnasium.Env):
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": CONTROL_FREQUENCY}
     task = "push-two-blocks"
-    task_description = "Push each block into a target of its own."
+    task_description = DESCRIPTION
     _max_episode_steps = MAX_EPISODE_STEPS
 
     def __init__(

@@ -11,7 +11,7 @@ from envs import MAX_EPISODE_STEPS
 from envs.block_push.failure import CAUSES
 from envs.block_push.outcome import EpisodeOutcome, summarize
 from envs.block_push.scene import draw_scene
-from envs.block_push.workspace import CONTROL_FREQUENCY, HEIGHT, POSES, WORKSPACE
+from envs.block_push.workspace import CONTROL_FREQUENCY, DESCRIPTION, HEIGHT, POSES, WORKSPACE
 from envs.task import Controller, Score, Task, Trait
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
@@ -63,7 +63,7 @@ in the paper's dangerous one, in its two readings; *outer reach* beyond 0.54 m."
 
 BLOCK_PUSH = Task(
     space=BLOCK_PUSH_SPACE,
-    description="Push each block into a target of its own.",
+    description=DESCRIPTION,
     make=make,
     max_episode_steps=MAX_EPISODE_STEPS,
     control_frequency=CONTROL_FREQUENCY,

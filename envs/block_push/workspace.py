@@ -13,3 +13,5 @@ HEIGHT = BLOCK_PUSH_SPACE.steps.position[2]
 """Of the flange above the table, in [m]."""
 POSES = TaskPoses((*START, HEIGHT), (0.2, -0.43), (0.6, 0.28))
 """What is asked of an arm: the start, and from there wherever blocks and targets may be."""
+DESCRIPTION = "Push each block into a target of its own."
+"""The task in words, for policies that read them: the same in demonstrations and environments."""
