@@ -1,4 +1,4 @@
-"""A checkpoint's README: what the Hub reads at its head, also after a push; and folders that are found by their path."""
+"""A checkpoint's README: what the Hub reads at its head, also after a push; and how its folder is found."""
 
 from pathlib import Path
 
