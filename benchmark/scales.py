@@ -49,7 +49,7 @@ def main(config: ScalesConfig) -> None:
     }
     figures = {
         "success_against_scale": draw_success(arm, task),
-        "fields": draw_fields(guidances, base, demonstrated_path(task, 10, console)),
+        "fields": draw_fields(guidances, base, demonstrated_path(task, 10, console), task.space.steps),
     }
     for name, figure in figures.items():
         file = folder / "figures" / f"{name}.png"

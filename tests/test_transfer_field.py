@@ -9,10 +9,10 @@ from richmap.maps.reachability_map import Construction
 from richmap.robots.robots import load_robot
 from richmap.similarity.energy import EnergyField, EnergySettings
 from richmap.similarity.similarity import similarity
+from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
 pytestmark = pytest.mark.system
 
-FLANGE_HEIGHT = 0.06
 
 RADIAL_SLOPE = {
     0.05: -0.100, 0.10: -0.063, 0.15: -0.019, 0.20: -0.003, 0.25: -0.000, 0.30: 0.001, 0.35: 0.012,
@@ -42,7 +42,7 @@ def ring(radius):
     """Points all around the base at the flange's height, and the outward direction at each."""
     angle, r = np.meshgrid(np.linspace(-np.pi, np.pi, 360, endpoint=False), radius + np.linspace(0, 0.05, 11)[:-1])
     outward = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], -1).reshape(-1, 3)
-    return outward * r.reshape(-1, 1) + [0, 0, FLANGE_HEIGHT], outward
+    return BLOCK_PUSH_SPACE.steps.positions(outward[:, :2] * r.reshape(-1, 1)), outward
 
 
 @pytest.mark.parametrize("radius", RADIAL_SLOPE)

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
     from envs.task import Task
     from policies.guidance import Guidance
+    from richmap.task_spaces.flange_steps import FlangeSteps
 
 SPACING = 0.04
 """Between arrows, in [m]."""
@@ -57,7 +58,9 @@ def _text_of(task: "Task", name: str) -> str:
     return next(score.text for score in task.scores if score.name == name)
 
 
-def draw_fields(guidances: "dict[str, Guidance]", base: tuple[float, float], path: np.ndarray) -> "Figure":
+def draw_fields(
+    guidances: "dict[str, Guidance]", base: tuple[float, float], path: np.ndarray, steps: "FlangeSteps"
+) -> "Figure":
     """Where each method moves actions, as arrows over the table, above the demonstrations' path.
 
     Arrows are as long as the spacing where a method asks for most along that path; beyond, they grow no further.
@@ -67,6 +70,7 @@ def draw_fields(guidances: "dict[str, Guidance]", base: tuple[float, float], pat
         guidances: Methods by name, with their scales.
         base: Position of the arm's base, x and y in [m].
         path: Flange positions of demonstrations, (n, 3) in [m].
+        steps: Of a task whose actions move the flange over the table.
     """
     from policies.block_push.reorder import Reorder
 
@@ -80,11 +84,11 @@ def draw_fields(guidances: "dict[str, Guidance]", base: tuple[float, float], pat
         ax.plot(*base, "s", color="black")
         ax.set(title=name, aspect="equal", xlim=(min(-0.05, base[0] - 0.05), 0.72), ylim=(-0.52, 0.52))
         if isinstance(guidances[name], Reorder):
-            outside = guidances[name].margin + guidances[name].distance.value_and_gradient(_at_flange(points))[0]
+            outside = guidances[name].margin + guidances[name].distance.value_and_gradient(steps.positions(points))[0]
             ax.contourf(x, y, outside.reshape(len(x), len(y)).T, (0, np.inf), colors="tab:blue", alpha=0.3)
             ax.set_title("reorder: pushes that lead\nthe tool here come last", fontsize="small")
             continue
-        asked = asked_for(guidances[name], points)
+        asked = asked_for(guidances[name], points, steps)
         length = np.linalg.norm(asked, axis=1) + 1e-12
         longest = length[visited].max() if length[visited].max() > 1e-3 * length.max() else length.max()
         moved = length > 0.02 * longest
@@ -99,30 +103,23 @@ def draw_fields(guidances: "dict[str, Guidance]", base: tuple[float, float], pat
     return figure
 
 
-def asked_for(guidance: "Guidance", points: np.ndarray) -> np.ndarray:
+def asked_for(guidance: "Guidance", points: np.ndarray, steps: "FlangeSteps") -> np.ndarray:
     """Direction, (n, 2), in which a method moves actions where the effector stands still at points, xy in [m].
 
     Lengths compare within a method only.
     """
     import torch
 
-    effector = torch.tensor(np.hstack([points, points]), dtype=torch.float64)
+    state = torch.tensor(np.hstack([points, points]), dtype=torch.float64)
     still = torch.zeros(len(points), 1, 2, dtype=torch.float64)
-    push = guidance.push(effector)
+    push = guidance.push(state)
     if push is not None:
         return -push.numpy()
     if guidance.looks_ahead:
-        return -guidance.descent(still, effector)[:, 0].numpy()
+        return -guidance.descent(still, state)[:, 0].numpy()
     if guidance.samples > 1:  # The sample that it leads to is the one that is furthest down.
-        return -guidance.field.gradient(_at_flange(points))[:, :2]
-    return guidance.correct(still, effector)[:, 0].numpy()
-
-
-def _at_flange(points: np.ndarray) -> np.ndarray:
-    """These places on the table, (n, 3), at the height of the flange."""
-    from policies.guidance import FLANGE_HEIGHT
-
-    return np.insert(points, 2, FLANGE_HEIGHT, axis=1)
+        return -guidance.field.gradient(steps.positions(points)) @ steps.jacobian[:3]
+    return guidance.correct(still, state)[:, 0].numpy()
 
 
 def method_and_cells(row: "pd.Series") -> str:

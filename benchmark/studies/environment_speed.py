@@ -245,7 +245,10 @@ def chunk_speeds(
     generator = torch.Generator().manual_seed(0)
     batch = {
         name: 0.2 + 0.3 * torch.rand(environments, plain.config.n_obs_steps, width, generator=generator)
-        for name, width in (("observation.state", 4), ("observation.environment_state", 12))
+        for name, width in (
+            ("observation.state", plain.config.space.state.width),
+            ("observation.environment_state", plain.config.space.environment.width),
+        )
     }
     noise = [episode_noise(range(environments), 0, policy.noise_shape) for policy in (plain, guided)]
     calls = 100 // plain.diffusion.num_inference_steps
