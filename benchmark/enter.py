@@ -93,7 +93,7 @@ class EnterConfig:
     def run(self, robot: str, setting: str) -> RunConfig:
         """Settings of an arm's rollouts."""
         names = {each.name for each in fields(RunConfig)} & {*vars(self)} - {"output_dir"}
-        given = {name: getattr(self, name) for name in names}
+        given = {"seed_start": FIRST_TEST_SEED} | {name: getattr(self, name) for name in names}
         return RunConfig(robot=RobotConfig(robot), setting=setting, output_dir=self.output_dir, **given)
 
 

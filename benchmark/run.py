@@ -1,7 +1,7 @@
 """The main job: what does the xArm6's policy do on this arm, and does guidance help?
 
 python -m benchmark.run robot=ur3 lambda=0.5
-python -m benchmark.run robot=ur3 method=projection lambda=0.01
+python -m benchmark.run robot=ur3 method=projection lambda=null protocol=strict
 python -m benchmark.run -m experiment=transfer
 """
 
@@ -20,10 +20,12 @@ def main(config: RunConfig) -> None:
     from benchmark.artifacts.wandb_run import unharmed
     from benchmark.rollouts.missing_episodes import run_and_store
     from benchmark.scoring.report import print_report
-    from benchmark.sweeps.chosen_scale import rollouts_of
+    from benchmark.sweeps.chosen_scale import note_on_tuning, rollouts_of
     from benchmark.sweeps.experiment_log import log_curves, log_evaluation, log_field
 
     console, tables = Console(), []
+    if note := note_on_tuning(config):
+        console.print(note)
     rollouts = rollouts_of(config, console)
     for rollout in rollouts:
         tables.append(run_and_store(rollout, config, console))

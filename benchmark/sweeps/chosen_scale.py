@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from benchmark.scoring.scale_table import CHOSEN_FOR, scale_table
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import RunConfig
+from benchmark.settings.config import FIRST_TEST_SEED, RunConfig
 from benchmark.settings.task import chosen_task
 from policies.methods import METHODS
 
@@ -26,6 +26,16 @@ def rollouts_of(config: RunConfig, console: "Console") -> "list[Rollout]":
     config = with_scale(config)
     checkpoint = chosen_checkpoint(config)
     return [make_rollout(config, scale, checkpoint, console) for scale in sorted({0.0, config.guidance_scale})]
+
+
+def note_on_tuning(config: RunConfig) -> str:
+    """What there is to say where a scale that was not chosen on validation episodes meets test episodes; or nothing."""
+    if config.seed_start + config.episodes <= FIRST_TEST_SEED or not config.guidance_scale:
+        return ""
+    return (
+        f"These are test scenes, and lambda={config.guidance_scale:g} is given, not chosen: choose scales on validation "
+        "scenes (benchmark.scales), and take what was chosen by lambda=null."
+    )
 
 
 def with_scale(config: RunConfig) -> RunConfig:
