@@ -97,6 +97,10 @@ def run_command[Config](
         if error.filename is None or error.strerror is None:
             raise
         _end(1, f"error: {error.strerror}: {error.filename}. {GONE_ON}")
+    except SystemError as error:  # Compiled code that a signal interrupts raises this.
+        if not isinstance(error.__cause__, KeyboardInterrupt):
+            raise
+        _end(130, f"Interrupted. {GONE_ON}")
     except KeyboardInterrupt as error:
         _end(143 if isinstance(error, _Terminated) else 130, f"Interrupted. {GONE_ON}")
 

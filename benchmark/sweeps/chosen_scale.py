@@ -33,8 +33,8 @@ def note_on_tuning(config: RunConfig) -> str:
     if config.seed_start + config.episodes <= FIRST_TEST_SEED or not config.guidance_scale:
         return ""
     return (
-        f"These are test scenes, and lambda={config.guidance_scale:g} is given, not chosen: choose scales on validation "
-        "scenes (benchmark.scales), and take what was chosen by lambda=null."
+        f"These are test scenes, and lambda={config.guidance_scale:g} is given, not chosen: choose scales on "
+        "validation scenes (benchmark.scales), and take what was chosen by lambda=null."
     )
 
 
