@@ -34,7 +34,7 @@ def main(config: RunConfig) -> None:
             log_evaluation(config, rollout, tables[-1], config.output_dir)
     with unharmed():
         log_curves(rollouts[0].task, config.wandb, tables, config.output_dir)
-    print_report(rollouts[0].task, tables, Path(config.output_dir), console)
+    print_report(rollouts[0].task, tables, Path(config.output_dir))
 
 
 if __name__ == "__main__":

@@ -142,8 +142,8 @@ def test_the_interval_is_that_of_a_bootstrap_of_trainings_and_episodes(missing, 
 
 
 def test_where_neither_trainings_nor_episodes_differ_on_average_the_interval_is_of_both_together():
-    _, low, high = clustered_difference(crossed(np.array([[0.0, 1.0], [1.0, 0.0]])), extra=())
-    assert (low, high) == pytest.approx((0.5 - t.ppf(0.975, 1) * 0.5, 0.5 + t.ppf(0.975, 1) * 0.5))
+    _, low, high = clustered_difference(crossed(np.array([[0.0, 0.1], [0.1, 0.0]])), extra=())
+    assert (low, high) == pytest.approx((0.05 - t.ppf(0.975, 1) * 0.05, 0.05 + t.ppf(0.975, 1) * 0.05))
     for trainings in (1, 2):
         assert clustered_mean(crossed(np.full((trainings, 5), 0.25)), extra=()) == (0.25, 0.25, 0.25)
 

@@ -63,13 +63,12 @@ def robot_map(
     if made:  # and stored, so that what the build could go on from is not needed any more
         with lock:
             shutil.rmtree(folder, ignore_errors=True)
-    reached = built.construction
-    console.print(
-        f"Map of {name}: {built.inserted / 1e6:.2f} M directions in {100 * built.occupancy:.1f} % of the cells, batch "
-        f"insertion rate {100 * reached.batch_rate:.2f} % ({100 * reached.independent_rate:.2f} % of independent "
-        f"samples) after {reached.offered / 1e6:.0f} M poses. {path}",
-        soft_wrap=True,
-    )
+    if made:
+        console.print(
+            f"Reachability map of {name}, built once and kept in {path}: {built.inserted / 1e6:.2f} million directions "
+            f"in {100 * built.occupancy:.1f} % of its cells.",
+            soft_wrap=True,
+        )
     return built
 
 

@@ -170,6 +170,15 @@ def read_episodes(output_dir: Path, columns: list[str] | None = None) -> pd.Data
     return read_table(output_dir / "episodes.parquet", columns)
 
 
+def read_tables(path: Path) -> pd.DataFrame:
+    """The episodes in a table, or in all tables of a folder and below it, each once."""
+    files = sorted(path.rglob("episodes.parquet")) if path.is_dir() else [path]
+    tables = [table for file in files if len(table := read_table(file))]
+    return (
+        pd.concat(tables, ignore_index=True).drop_duplicates(IDENTITY, ignore_index=True) if tables else pd.DataFrame()
+    )
+
+
 def read_table(file: Path, columns: list[str] | None = None) -> pd.DataFrame:
     """The same of a table of any name.
 

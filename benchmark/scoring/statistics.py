@@ -32,7 +32,8 @@ def paired_difference(treated: Float[np.ndarray, " n"], control: Float[np.ndarra
     difference = np.asarray(treated, dtype=float) - np.asarray(control, dtype=float)
     adjusted = np.append(difference, [1.0, -1.0])
     half = norm.ppf(0.5 + LEVEL / 2) * adjusted.std() / np.sqrt(len(adjusted))
-    return float(difference.mean()), float(adjusted.mean() - half), float(adjusted.mean() + half)
+    low, high = np.clip([adjusted.mean() - half, adjusted.mean() + half], -1, 1)
+    return float(difference.mean()), float(low), float(high)
 
 
 def paired_p_value(treated: Float[np.ndarray, " n"], control: Float[np.ndarray, " n"]) -> float:
@@ -70,12 +71,12 @@ def clustered_mean(rows: Crossed, extra: Sequence[float] = (0.0, 0.0, 1.0, 1.0))
 
 
 def clustered_difference(differences: Crossed, extra: Sequence[float] = (-1.0, 1.0)) -> tuple[float, float, float]:
-    """Mean of paired differences, and its interval for other trainings and other episodes.
+    """Mean of paired differences of values in [0, 1], and its interval for other trainings and other episodes.
 
     As `clustered_mean`; the made-up pairs are those of `paired_difference`.
     """
     mean, centre, half = _crossed_bootstrap(differences, extra)
-    return mean, centre - half, centre + half
+    return mean, float(np.maximum(-1, centre - half)), float(np.minimum(1, centre + half))
 
 
 def sign_flip_p_value(differences: Crossed) -> float:
@@ -132,7 +133,7 @@ def _crossed_bootstrap(rows: Crossed, extra: Sequence[float]) -> tuple[float, fl
     trainings, episodes = sums.shape
     centre = float(sums.sum() / counts.sum())
     if episodes < 2:
-        return mean, centre, math.nan
+        return mean, centre, math.inf  # Nothing is known of others.
     deviations = (sums - counts * centre) / counts.mean()
     of_training, of_episode = deviations.mean(axis=1), deviations.mean(axis=0)
     of_both = deviations - of_training[:, None] - of_episode
@@ -147,6 +148,8 @@ def _crossed_bootstrap(rows: Crossed, extra: Sequence[float]) -> tuple[float, fl
         freedom = (by_training + by_episode) ** 2 / (
             by_training**2 / max(trainings - 1, 1) + by_episode**2 / (episodes - 1)
         )
+    if freedom == 0:
+        return mean, centre, math.inf
     return mean, centre, float(t.ppf(0.5 + LEVEL / 2, freedom) * math.sqrt(variance))
 
 

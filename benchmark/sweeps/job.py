@@ -37,6 +37,8 @@ class JobRecord:
     name: str
     command: str
     """Which runs it alone."""
+    output_dir: str = ""
+    """Where its episodes are; empty if its settings are wrong."""
     left_out: bool = False
     """Whether it would guide the source, for which a table of transfer has no row."""
     came_out: str = ""
@@ -57,7 +59,7 @@ def run_job(config: DictConfig) -> None:
     record, rows = JobRecord(overrides, f"python -m benchmark.run hydra.mode=RUN {overrides}"), None
     try:
         job = typed(config, RunConfig)
-        record.name = job_name(job)
+        record.name, record.output_dir = job_name(job), job.output_dir
         record.left_out = guides_source(job)
         if not record.left_out:
             alone = hydra.runtime.choices["hydra/launcher"] == "basic"  # All jobs in one process, one after another.

@@ -5,6 +5,7 @@ python -m benchmark.run -m experiment=transfer robot=ur3 seed=42 lambda=0,2,4
 
 import json
 import math
+import os
 import shutil
 import sys
 from pathlib import Path
@@ -70,20 +71,25 @@ def end_sweep() -> None:
         raise SettingError("A sweep rolls out the source itself without guidance only: lambda=0.")
     if left_out:
         print(f"{left_out} jobs would guide the source itself, and are left out.")
-    _sum_up(folder, wandb, task)
+    folders = {record.output_dir for record in records if record.output_dir}
+    _sum_up(folder, wandb, task, Path(os.path.commonpath(folders)) if folders else folder)
     if failed:
         _say_failed(failed, folder)
 
 
-def _sum_up(folder: Path, wandb: WandbConfig, task: str) -> None:
-    """Log the sweep's curves."""
+def _sum_up(folder: Path, wandb: WandbConfig, task: str, beside: Path) -> None:
+    """Show and log what the sweep's episodes come to."""
     import pandas as pd
 
     from benchmark.artifacts.wandb_run import unharmed
+    from benchmark.episodes.table import IDENTITY
+    from benchmark.scoring.own_results import show_results
     from benchmark.sweeps.experiment_log import log_curves
 
     tables = [pd.read_parquet(file) for file in sorted((folder / "jobs").glob("*.parquet"))]
     if tables:
+        rows = pd.concat(tables, ignore_index=True).drop_duplicates(IDENTITY)  # lambda=0 is the same for all methods.
+        show_results(rows, chosen_task(task), beside)
         with unharmed():
             log_curves(chosen_task(task), wandb, tables, folder.name)
 

@@ -1,0 +1,60 @@
+"""What one's own episodes come to: a table that fits into 80 columns, and curves beside the rows."""
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from benchmark import show
+from benchmark.episodes.table import OPTIONAL, store_episodes
+from benchmark.scoring.own_results import results_text
+from benchmark.scoring.scale_table import scale_table
+from benchmark.scoring.statistics import Crossed, clustered_difference, clustered_mean
+from benchmark.scoring.text_table import text_table
+from benchmark.settings.command import SettingError
+from envs.block_push.task import BLOCK_PUSH
+from tests.made_up_episodes import CONDITION, episode
+
+GUIDED = dataclasses.replace(CONDITION, method="paper", guidance_scale=0.5)
+PLACED = {CONDITION: [1, 0, 0, 0], GUIDED: [1, 1, 1, 0]}
+
+
+def episodes():
+    return [episode(seed, p2=bool(p2), condition=c) for c, both in PLACED.items() for seed, p2 in enumerate(both)]
+
+
+def test_a_folder_of_rows_is_shown_as_counted_by_hand(tmp_path, capsys):
+    store_episodes(tmp_path / "a" / "b", episodes())
+    show.main(show.ShowConfig(table=str(tmp_path)))
+    shown = capsys.readouterr().out
+    direct, paper = (line.split() for line in shown.splitlines() if line.startswith(("direct ", "paper ")))
+    assert direct[:4] == ["direct", "0", "4", "25.0"] and paper[:4] == ["paper", "0.5", "4", "75.0"]
+    assert paper[6] == "+50.0"
+    assert (tmp_path / "curves.png").stat().st_size > 1000 and str(tmp_path / "curves.png") in shown
+    with pytest.raises(SettingError, match="holds no episodes"):
+        (tmp_path / "empty").mkdir()
+        show.main(show.ShowConfig(table=str(tmp_path / "empty")))
+
+
+@pytest.mark.parametrize("n", [1, 2, 4])
+def test_few_episodes_give_honest_widths(n):
+    rows = pd.DataFrame([each.row() for each in episodes() if each.episode_seed < n]).astype(OPTIONAL)
+    table = scale_table(rows, BLOCK_PUSH)
+    shown = results_text(table, BLOCK_PUSH, 80)
+    assert "nan" not in shown and "inf" not in shown
+    assert max(map(len, shown.splitlines())) <= 80 and shown.isascii()
+    guided = table[table.method == "paper"].iloc[0]
+    assert -1 <= guided.p2_difference_low <= guided.p2_difference <= guided.p2_difference_high <= 1
+
+
+def test_of_one_episode_nothing_is_known_of_others():
+    one = Crossed(np.array([1.0]), np.array(["a"]), np.array([1]))
+    assert clustered_mean(one, extra=()) == (1, 0, 1)
+    assert clustered_difference(one, extra=()) == (1, -1, 1)
+
+
+def test_a_table_that_is_too_wide_breaks_its_lines_and_cuts_nothing():
+    rows = [["a" * 30, "b" * 30, "c" * 30]]
+    assert text_table(["x", "y", "z"], rows, 100).splitlines()[1] == "  ".join(rows[0])
+    assert text_table(["x", "y", "z"], rows, 80).splitlines()[2:] == ["a" * 30, f"  {'b' * 30}  {'c' * 30}"]
