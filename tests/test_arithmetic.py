@@ -16,7 +16,10 @@ from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.rollout import load_policy
 from benchmark.settings.config import RobotConfig, RunConfig
 
-pytestmark = pytest.mark.skipif(platform.machine() != "x86_64", reason="The libraries are told how on x86-64 alone.")
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(platform.machine() != "x86_64", reason="The libraries are told how on x86-64 alone."),
+]
 
 WITHOUT_AVX512 = {
     "ATEN_CPU_CAPABILITY": "avx2",

@@ -94,9 +94,9 @@ def _check_config(folder: Path) -> None:
     texts = {"noise_scheduler_type": config.get("noise_scheduler_type")}
     scale = {"guidance_scale": config.get("guidance_scale")}
     for values, kinds in ((whole, (int,)), (texts, (str,)), (scale, (int, float))):
-        for name, value in values.items():
-            if value is not None and type(value) not in kinds:
-                raise SettingError(f"policy={folder}: its {CONFIG} has {name}={value!r}, which is of another type.")
+        for name, found in values.items():
+            if found is not None and type(found) not in kinds:
+                raise SettingError(f"policy={folder}: its {CONFIG} has {name}={found!r}, which is of another type.")
 
 
 def _numbers(value: Any, name: str = "") -> Iterator[tuple[str, int | float]]:

@@ -1,6 +1,7 @@
 """The progress bar that every long stage shows."""
 
 from time import monotonic
+from typing import Any
 
 from rich.console import Console
 from rich.progress import (
@@ -21,11 +22,11 @@ SAY_EVERY = 60.0
 class SpokenProgress(Progress):
     """Rich's progress, which without a terminal, where no bar can move, says a line a minute instead."""
 
-    def __init__(self, *columns: ProgressColumn, **settings: object) -> None:
+    def __init__(self, *columns: ProgressColumn, **settings: Any) -> None:
         super().__init__(*columns, **settings)
         self._said = monotonic()
 
-    def update(self, task_id: TaskID, **changes: object) -> None:
+    def update(self, task_id: TaskID, **changes: Any) -> None:
         super().update(task_id, **changes)
         self._say(task_id)
 

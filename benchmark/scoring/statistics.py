@@ -98,7 +98,7 @@ def sign_flip_p_value(differences: Crossed) -> float:
     if not len(steps):
         return 1.0
     unit = np.gcd.reduce(steps)
-    chance = np.ones(1)  # chance[k]: that the steps which are turned downwards add up to k.
+    chance: np.ndarray = np.ones(1)  # chance[k]: that the steps which are turned downwards add up to k.
     for step in steps // unit:
         chance = (np.pad(chance, (0, step)) + np.pad(chance, (step, 0))) / 2
     total = steps.sum() // unit - 2 * np.arange(len(chance))
@@ -143,7 +143,7 @@ def _crossed_bootstrap(rows: Crossed, extra: Sequence[float]) -> tuple[float, fl
     variance = by_training + by_episode + float(np.sum(of_both**2)) / (pairs_of_trainings * pairs_of_episodes)
     if variance == 0:
         return mean, centre, 0.0
-    freedom = (trainings - 1) * (episodes - 1)  # Of what neither factor has alone, should there be nothing else.
+    freedom = float((trainings - 1) * (episodes - 1))  # Of what neither factor has alone, should there be nothing else.
     if by_training + by_episode > 0:
         freedom = (by_training + by_episode) ** 2 / (
             by_training**2 / max(trainings - 1, 1) + by_episode**2 / (episodes - 1)

@@ -122,6 +122,7 @@ def _run[Config](
     try:
         hydra.main(version_base="1.3", config_path=str(CONF), config_name=name)(enter)()
     except _Raised as raised:
+        assert raised.__cause__
         raise raised.__cause__ from None
     except HydraException:
         raise

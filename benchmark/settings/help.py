@@ -20,7 +20,7 @@ def help_text(main: Callable, schema: type, name: str, module: str, overrides: l
     with initialize_config_dir(str(CONF), version_base="1.3"):
         config = compose(name, overrides)
     choices = choices_of(schema)
-    lines = [f"python -m {module} [setting=value ...]", "", *textwrap.wrap(inspect.getdoc(main), WIDTH), ""]
+    lines = [f"python -m {module} [setting=value ...]", "", *textwrap.wrap(inspect.getdoc(main) or "", WIDTH), ""]
     for key, setting in settings_of(schema).items():
         value = OmegaConf.select(config, f"{key}.name" if key in choices else key)
         lines += [f"  {key}={_shown(value)}", *_indented(setting.text)]

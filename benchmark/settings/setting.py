@@ -47,6 +47,7 @@ def settings_of(schema: type, prefix: str = "") -> dict[str, Setting]:
         if not is_dataclass(field.type):
             settings[name] = Setting(text, _default(field), _kind(field.type))
             continue
+        assert isinstance(field.type, type)
         of_field = settings_of(field.type, f"{name}.")
         if choices := field.metadata.get("choices"):  # The choice sets `<name>.name`.
             settings[name] = Setting(text, _default(field).name)
@@ -64,17 +65,20 @@ def choices_of(schema: type) -> dict[str, tuple[str, ...]]:
 def as_typed(schema: type) -> dict[str, Any]:
     """The schema's defaults as plain values under the names that people type."""
     plain = OmegaConf.to_container(OmegaConf.structured(schema))
-    return {TYPED_NAME.get(key, key): value for key, value in plain.items()}
+    assert isinstance(plain, dict)
+    return {TYPED_NAME.get(str(key), str(key)): value for key, value in plain.items()}
 
 
 def _docstrings(schema: type) -> dict[str, str]:
     """The text below each field, of the schema and of those that it extends."""
     texts = {}
     for each in reversed([each for each in schema.__mro__ if is_dataclass(each)]):
-        (body,) = (node.body for node in ast.parse(textwrap.dedent(inspect.getsource(each))).body)
-        for field_node, text_node in zip(body, body[1:], strict=False):
-            if isinstance(field_node, ast.AnnAssign) and isinstance(text_node, ast.Expr):
-                texts[field_node.target.id] = " ".join(text_node.value.value.split())
+        (definition,) = ast.parse(textwrap.dedent(inspect.getsource(each))).body
+        assert isinstance(definition, ast.ClassDef)
+        for field_node, text_node in zip(definition.body, definition.body[1:], strict=False):
+            match field_node, text_node:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
+                    texts[name] = " ".join(text.split())
     return texts
 
 

@@ -1,7 +1,7 @@
 """The composed settings as an object of their schema."""
 
 from functools import reduce
-from typing import Any
+from typing import Any, cast
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -19,8 +19,9 @@ def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
     try:
         values = {PYTHON_NAME.get(str(key), str(key)): value for key, value in config.items()}
         merged = OmegaConf.merge(OmegaConf.structured(schema), values)
-        check_limits(_flat(OmegaConf.to_container(merged, resolve=True)), settings_of(schema))
-        return OmegaConf.to_object(merged)
+        plain: Any = OmegaConf.to_container(merged, resolve=True)
+        check_limits(_flat(plain), settings_of(schema))
+        return cast(Config, OmegaConf.to_object(merged))
     except OmegaConfBaseException as error:
         known, key = settings_of(schema), TYPED_NAME.get(str(error.full_key), str(error.full_key))
         if key not in known:
@@ -33,7 +34,7 @@ def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
 
 def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     """Nested values by their names on the command line."""
-    flat = {}
+    flat: dict[str, Any] = {}
     for key, value in values.items():
         name = prefix + TYPED_NAME.get(str(key), str(key))
         flat |= _flat(value, f"{name}.") if isinstance(value, dict) else {name: value}

@@ -31,7 +31,7 @@ class Disturbance:
         self._burst_probability = burst_probability
         self._rng = rng
         self._steps_left = 0
-        self._wrong = np.zeros(2)
+        self._wrong: np.ndarray = np.zeros(2)
         self._share = 0.0
 
     def __call__(self, label: Float[np.ndarray, "2"]) -> tuple[Float[np.ndarray, "2"], bool]:

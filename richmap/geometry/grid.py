@@ -56,7 +56,7 @@ class Grid:
         """Flat index of the cell that holds each point, in [m]; -1 outside the grid (RichMap, Eq. 1, unclamped)."""
         index = np.floor((points - np.array(self.origin)) / self.cell_size).astype(np.int64)
         inside = ((index >= 0) & (index < self.shape)).all(1)
-        flat = np.ravel_multi_index(np.where(inside[:, None], index, 0).T, self.shape)
+        flat = np.ravel_multi_index(tuple(np.where(inside[:, None], index, 0).T), self.shape)
         return np.where(inside, flat, -1)
 
     def centres(self) -> Float[np.ndarray, "n 3"]:
@@ -69,5 +69,5 @@ class Grid:
 
     def moved(self, offset: Float[np.ndarray, " 3"]) -> "Grid":
         """The same cells seen from a frame at `offset`, in [m]: cells of two robots then coincide in the world."""
-        origin = tuple(float(o - d) for o, d in zip(self.origin, offset, strict=True))
-        return Grid(origin, self.cell_size, self.shape)
+        x, y, z = (float(o - d) for o, d in zip(self.origin, offset, strict=True))
+        return Grid((x, y, z), self.cell_size, self.shape)

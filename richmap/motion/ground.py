@@ -37,8 +37,9 @@ def _corners(robot: RobotDescription) -> tuple[Int[np.ndarray, " k"], Float[np.n
             hull = shape.triangles().convex_hull.vertices
             corners.append(hull @ to_joint.rotation.T + to_joint.translation)
             joint.append(np.full(len(hull), robot.depth[link]))
-    order = np.argsort(joint := np.concatenate(joint), kind="stable")
-    return joint[order], np.concatenate(corners)[order]
+    joints = np.concatenate(joint)
+    order = np.argsort(joints, kind="stable")
+    return joints[order], np.concatenate(corners)[order]
 
 
 @numba.njit(cache=True, nogil=True)

@@ -157,7 +157,7 @@ def _between(model: mujoco.MjModel, first: int, second: int) -> list[int]:
     """Joints on the way from one body to another; none to a mocap body, which is led by hand."""
     if max(model.body_mocapid[first], model.body_mocapid[second]) >= 0:
         return []
-    ways = [[], []]
+    ways: tuple[list[int], list[int]] = ([], [])
     for way, body in zip(ways, (first, second), strict=True):
         while body > 0:
             way.append(body)
@@ -216,7 +216,7 @@ def _add_origin(element: ET.Element, pose: Float[np.ndarray, "4 4"]) -> None:
     ET.SubElement(element, "origin", xyz=xyz, rpy=rpy)
 
 
-def _pose(position, quaternion) -> Float[np.ndarray, "4 4"]:
+def _pose(position: np.ndarray | list[float], quaternion: np.ndarray | list[float]) -> Float[np.ndarray, "4 4"]:
     """From a position in [m] and a quaternion w x y z."""
     turn = np.empty(9)
     mujoco.mju_quat2Mat(turn, np.array(quaternion, dtype=float) / np.linalg.norm(quaternion))

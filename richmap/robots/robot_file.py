@@ -121,7 +121,7 @@ class RobotFile:
             package = importlib.metadata.distribution(self.model["package"])
         except importlib.metadata.PackageNotFoundError as error:
             raise ValueError(f"{self.path.name}: package {self.model['package']} is not installed.") from error
-        return Path(package.locate_file(file)).resolve()
+        return Path(str(package.locate_file(file))).resolve()
 
     def _with_meshes(self, urdf: str, folder: str, rpy: str, meshes: dict[str, str]) -> str:
         """Collision shapes that are one mesh per link, turned by `rpy` in [rad]."""
@@ -147,13 +147,13 @@ def _urdf(file: Path) -> str:
 
 
 def _branch(posture: list, bounds: dict[str, list] | None = None) -> Branch:
-    of_joints = tuple((joint, *map(float, ends)) for joint, ends in (bounds or {}).items())
-    if not all(len(of_joint) == 3 for of_joint in of_joints):
+    if not all(len(ends) == 2 for ends in (bounds or {}).values()):
         raise ValueError("bounds are a least and a greatest angle for each joint.")
+    of_joints = tuple((joint, float(ends[0]), float(ends[1])) for joint, ends in (bounds or {}).items())
     return Branch(tuple(map(float, posture)), of_joints)
 
 
 def _stand(branch: str, base: list | None = None) -> Stand:
     if base is not None and len(base) != 3:
         raise ValueError(f"base is x, y, z in metres. Got {base}.")
-    return Stand(branch, None if base is None else tuple(map(float, base)))
+    return Stand(branch, None if base is None else (float(base[0]), float(base[1]), float(base[2])))

@@ -70,7 +70,7 @@ class Shape:
         elif self.kind == "box":
             mesh = trimesh.creation.box(self.size)
         elif self.kind == "cylinder":
-            mesh = trimesh.creation.cylinder(*self.size, sections=SECTIONS)
+            mesh = trimesh.creation.cylinder(self.size[0], self.size[1], sections=SECTIONS)
         else:
             mesh = trimesh.creation.icosphere(subdivisions=4, radius=self.size[0])
         mesh.apply_transform(self.pose)
