@@ -24,6 +24,8 @@ class Method:
     name: str
     entry_point: str
     """A function or class that makes a `policies.guidance.Guidance` of a `policies.setup.Setup`, as `module:name`."""
+    text: str
+    """What it does, in a few words."""
     field: str | None
     """What it looks at: `energy` (similarity to the source), `feasibility` (what the arm can hold), or None."""
     scale: str
@@ -81,29 +83,134 @@ _BORDER = "push at the border of what the arm can hold, in normalised action uni
 _RADIAL = "push, the same everywhere, in normalised action units"
 _SAMPLES = "number of chunks sampled, of which the best is taken"
 _DESCENT = "descent of the normalised clean actions per unit of the cost's slope along the chunk"
-_INSIDE = "how far inside the border commands are kept, in [m]"
-_PUSHED = "how far inside the border a push must keep the tool, in [m], to be made first"
-_OURS, _BLOCK_PUSH = "policies.guidance_methods", "policies.block_push.reorder"
 
 METHODS = {
     method.name: method
     for method in (
-        Method(DIRECT, "policies.guidance:Unguided", None, "none", first=0.0),
-        Method("paper", f"{_OURS}:paper", "energy", _SLOPE, first=0.03125),
-        Method("away", f"{_OURS}:away", None, _RADIAL, first=0.0125),
-        Method("towards", f"{_OURS}:towards", None, _RADIAL, first=0.0125),
-        Method("shuffled", f"{_OURS}:shuffled", "energy", _SLOPE, first=0.03125),
-        Method("flipped", f"{_OURS}:flipped", "energy", _SLOPE, first=0.03125),
-        Method("ring", f"{_OURS}:ring", "feasibility", _BORDER, first=0.05),
-        Method("feasibility", f"{_OURS}:feasibility", "feasibility", _BORDER, first=0.05),
-        Method("projection", f"{_OURS}:projection", "feasibility", _INSIDE, first=0.000625),
-        Method("best_of_n_energy", f"{_OURS}:best_of_n_energy", "energy", _SAMPLES, first=2.0, counts=True),
-        Method("best_of_n_feasibility", f"{_OURS}:best_of_n_feasibility", "feasibility", _SAMPLES, 2.0, counts=True),
-        Method("chunk", f"{_OURS}:chunk", "energy", _DESCENT, first=0.25),
-        Method("chunk_feasibility", f"{_OURS}:chunk_feasibility", "feasibility", _DESCENT, first=0.25),
-        Method("reorder", f"{_BLOCK_PUSH}:reorder", "feasibility", _PUSHED, first=0.0025),
+        Method(
+            name=DIRECT,
+            entry_point="policies.guidance:Unguided",
+            text="none",
+            field=None,
+            scale="none",
+            first=0.0,
+        ),
+        Method(
+            name="paper",
+            entry_point="policies.guidance_methods:paper",
+            text="against the slope of the energy of similarity",
+            field="energy",
+            scale=_SLOPE,
+            first=0.03125,
+        ),
+        Method(
+            name="away",
+            entry_point="policies.guidance_methods:away",
+            text="from the base, the same everywhere",
+            field=None,
+            scale=_RADIAL,
+            first=0.0125,
+        ),
+        Method(
+            name="towards",
+            entry_point="policies.guidance_methods:towards",
+            text="to the base, the same everywhere",
+            field=None,
+            scale=_RADIAL,
+            first=0.0125,
+        ),
+        Method(
+            name="shuffled",
+            entry_point="policies.guidance_methods:shuffled",
+            text="that slope turned at random in each cell",
+            field="energy",
+            scale=_SLOPE,
+            first=0.03125,
+        ),
+        Method(
+            name="flipped",
+            entry_point="policies.guidance_methods:flipped",
+            text="along that slope",
+            field="energy",
+            scale=_SLOPE,
+            first=0.03125,
+        ),
+        Method(
+            name="ring",
+            entry_point="policies.guidance_methods:ring",
+            text="back between two distances from the base",
+            field="feasibility",
+            scale=_BORDER,
+            first=0.05,
+        ),
+        Method(
+            name="feasibility",
+            entry_point="policies.guidance_methods:feasibility",
+            text="from the border of what the arm can hold",
+            field="feasibility",
+            scale=_BORDER,
+            first=0.05,
+        ),
+        Method(
+            name="projection",
+            entry_point="policies.guidance_methods:projection",
+            text="commands moved inside that border",
+            field="feasibility",
+            scale="how far inside the border commands are kept, in [m]",
+            first=0.000625,
+        ),
+        Method(
+            name="best_of_n_energy",
+            entry_point="policies.guidance_methods:best_of_n_energy",
+            text="the sample that ends lowest",
+            field="energy",
+            scale=_SAMPLES,
+            first=2.0,
+            counts=True,
+        ),
+        Method(
+            name="best_of_n_feasibility",
+            entry_point="policies.guidance_methods:best_of_n_feasibility",
+            text="the sample that ends farthest inside",
+            field="feasibility",
+            scale=_SAMPLES,
+            first=2.0,
+            counts=True,
+        ),
+        Method(
+            name="chunk",
+            entry_point="policies.guidance_methods:chunk",
+            text="down the slope along the whole chunk",
+            field="energy",
+            scale=_DESCENT,
+            first=0.25,
+        ),
+        Method(
+            name="chunk_feasibility",
+            entry_point="policies.guidance_methods:chunk_feasibility",
+            text="down the slope of infeasibility along it",
+            field="feasibility",
+            scale=_DESCENT,
+            first=0.25,
+        ),
+        Method(
+            name="reorder",
+            entry_point="policies.block_push.reorder:reorder",
+            text="what the arm cannot push is left for later",
+            field="feasibility",
+            scale="how far inside the border a push must keep the tool, in [m], to be made first",
+            first=0.0025,
+        ),
     )
 }
 """In the order in which they are told apart."""
 GUIDED = tuple(name for name in METHODS if name != DIRECT)
 """Those that do something."""
+
+
+def said_of_each(what: str) -> str:
+    """A field of all methods that do something, `text` or `scale`, as a help text has it; those alike in one go."""
+    alike: dict[str, list[str]] = {}
+    for name in GUIDED:
+        alike.setdefault(getattr(METHODS[name], what), []).append(name)
+    return "; ".join(f"{', '.join(names)}: {text}" for text, names in alike.items())

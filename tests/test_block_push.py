@@ -191,7 +191,7 @@ def test_pictures_need_no_display_and_show_something_move():
 def test_lerobot_finds_the_environment_by_its_type():
     from lerobot.envs.factory import make_env, make_env_config
 
-    import envs.block_push.configuration_guided_push  # noqa: F401
+    import envs.block_push.lerobot_environment  # noqa: F401
 
     config = make_env_config("guided_push", task=ENVIRONMENTS["ur3"])
     vector = make_env(config, n_envs=1)["guided_push"][0]

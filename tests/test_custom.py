@@ -9,6 +9,7 @@ import trimesh
 from benchmark.build_maps import what_is_checked
 from richmap.motion.collision import self_collision
 from richmap.motion.kinematics import flange_frames
+from richmap.motion.kinematics_check import check_kinematics
 from richmap.motion.sampling import sample_workspace
 from richmap.physics.convex_parts import convex_parts, parts_fingerprint
 from richmap.physics.mujoco_model import arm_spec
@@ -63,6 +64,7 @@ def test_the_chain_between_the_named_frames_is_what_counts(file):
     position, rotation = flange_frames(robot, np.array([[0.0, 0, 0], [np.pi / 2, np.pi / 2, -np.pi / 2]]))
     assert np.allclose(position, [[0, 0, 1.11], [0, 0.4, 0.71]], atol=1e-6)
     assert np.allclose(rotation[:, :, 2], [[0, 0, 1], [0, 0, 1]], atol=1e-6)
+    check_kinematics(robot)
 
 
 def test_scale_and_origin_of_a_mesh_are_honoured(file):

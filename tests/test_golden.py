@@ -59,6 +59,7 @@ def played(condition: dict, seed: int):
     field = condition["field_fingerprint"]
     rollout = Rollout(
         BLOCK_PUSH,
+        arm_of(condition),
         Condition(guidance_scale=condition["lambda"], **{k: v for k, v in condition.items() if k != "lambda"}),
         checkpoint_folder(int(condition["checkpoint"][4:6])),
         FOLDER / "fields" / f"{field[:16]}.safetensors" if field else None,

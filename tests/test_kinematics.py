@@ -3,7 +3,18 @@ import pytest
 import torch
 
 from richmap.motion.kinematics import flange_frames
+from richmap.motion.kinematics_check import check_kinematics
 from richmap.robots.robots import ROBOTS, load_robot
+
+
+def test_what_two_libraries_read_otherwise_is_said_in_metres(monkeypatch):
+    """They agree on what ships to single precision, and not beyond."""
+    check_kinematics.cache_clear()
+    monkeypatch.setattr("richmap.motion.kinematics_check.TOLERANCE", 1e-12)
+    with pytest.raises(ValueError, match="ur5: Pinocchio and pytorch-kinematics read its URDF otherwise"):
+        check_kinematics(load_robot("ur5"))
+    monkeypatch.undo()
+    check_kinematics(load_robot("ur5"))
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -16,7 +16,7 @@ from benchmark.rollouts.rollout import play
 from benchmark.settings.config import RobotConfig, RunConfig
 from benchmark.studies.lerobot_agreement import compare, lerobot_eval
 from envs import ENVIRONMENTS
-from envs.block_push.configuration_guided_push import GuidedPushEnvConfig
+from envs.block_push.lerobot_environment import GuidedPushEnvConfig
 from policies.modeling_guided_push import GuidedPushPolicy
 
 pytestmark = pytest.mark.system

@@ -6,12 +6,17 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
 from benchmark.settings.setting import as_typed, choices_of
+from policies.methods import METHODS
 
 CONF = Path(__file__).parents[1] / "conf"
 
 
 def register(schema: type, name: str) -> None:
-    """Tell Hydra of a command's schema, of what its groups can be, and, if no file does, how it is composed."""
+    """Tell Hydra of a command's schema, of what its groups can be, and, if no file does, how it is composed.
+
+    In the files `${methods:}` is the names of all methods of guidance, to sweep over.
+    """
+    OmegaConf.register_new_resolver("methods", lambda: ",".join(METHODS), replace=True)
     store, plain, choices = ConfigStore.instance(), as_typed(schema), choices_of(schema)
     for group, values in choices.items():
         for value in values:

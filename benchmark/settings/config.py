@@ -13,7 +13,7 @@ from benchmark.settings.limits import check_memory
 from benchmark.settings.recipe import USUAL, check_recipe
 from benchmark.settings.setting import SettingError, check_setting
 from benchmark.settings.task import chosen_task
-from policies.methods import METHODS
+from policies.methods import METHODS, said_of_each
 from richmap.robots import ROBOTS
 from richmap.similarity.energy_settings import CHOICES, EnergySettings
 
@@ -222,19 +222,11 @@ class RunConfig:
     """Arm that acts: one that ships (xarm6 is the source itself), or custom."""
     task: str = "block_push"
     """What is to be done: block_push, or a task of your own as module:NAME (an `envs.task.Task`; its code is run)."""
-    guidance_scale: float | None = 0.0
+    guidance_scale: float | None = field(default=0.0, metadata={"more": said_of_each("scale")})
     """Scale of the method, any number >= 0; 0 is direct transfer, null the one that benchmark.scales chose for this
-    arm, setting and method on validation episodes. paper, shuffled, flipped: how much of the energy's slope in 1/m is
-    added to the predicted noise in normalised action units (the paper's lambda). away, towards: the push in those
-    units; ring, feasibility: the same at the border. projection: how far inside, in m. best_of_n: number of samples, a
-    whole number. chunk: descent of the normalised actions per unit of slope. reorder: how far inside a push must keep
-    the tool to be made first, in m."""
-    method: str = "paper"
-    """Guidance: paper (against the slope of the energy of similarity), shuffled (that slope turned at random in each
-    cell), flipped (along it), away and towards (constant, from the base or to it), ring (back between two distances
-    from the base), feasibility (from the border of what the arm can hold), projection (commands moved inside that
-    border), best_of_n_energy and best_of_n_feasibility (the best of lambda samples), chunk and chunk_feasibility (down
-    the slope along the whole chunk), reorder (what the arm cannot push is left for later), or direct (none)."""
+    arm, setting and method on validation episodes."""
+    method: str = field(default="paper", metadata={"more": said_of_each("text")})
+    """Guidance, or direct for none."""
     episodes: int = 50
     """Number of episodes per lambda; a whole number >= 1."""
     recipe: str = USUAL

@@ -43,7 +43,8 @@ def settings_of(schema: type, prefix: str = "") -> dict[str, Setting]:
     for field in fields(schema):
         if get_origin(field.type) is dict:  # Only for callers from Python.
             continue
-        name, text = prefix + TYPED_NAME.get(field.name, field.name), texts.get(field.name, "")
+        name = prefix + TYPED_NAME.get(field.name, field.name)
+        text = f"{texts.get(field.name, '')} {field.metadata.get('more', '')}".strip()
         if not is_dataclass(field.type):
             settings[name] = Setting(text, _default(field), _kind(field.type))
             continue

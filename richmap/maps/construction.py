@@ -20,6 +20,7 @@ from richmap.files import FileRefusedError
 from richmap.geometry.grid import Grid
 from richmap.maps.insertion import Inserter
 from richmap.maps.reachability_map import Construction, ReachabilityMap
+from richmap.motion.kinematics_check import check_kinematics
 from richmap.motion.sampling import Orbits, roll_gap, sample_workspace, way_about_base_z
 from richmap.robots.robot import RobotDescription
 from richmap.worker import start_worker
@@ -80,7 +81,9 @@ def build_map(
     Raises:
         FileRefusedError: If the folder holds the state of another build.
         OSError: If the disk is nearly full; what was built stays.
+        ValueError: If the arm's kinematics are not understood (`richmap.motion.kinematics_check`).
     """
+    check_kinematics(robot)
     inserter = _empty(robot, grid, construction, folder)
     reached, seconds = _resume(folder, inserter, construction)
     begin = perf_counter() - seconds
