@@ -23,14 +23,14 @@ from richmap.motion.inverse_kinematics import ANGLE_TOLERANCE, POSITION_TOLERANC
 
 VERSION = 1
 """Raised where another posture is found."""
-STARTS = 512
+STARTS = 256
 """Configurations from which the start is sought."""
 ALIKE = 0.05
 """Of rough postures that differ by about this, in [rad], one is gone on with."""
 APART = 0.3
 """Postures whose joints differ by no more than this, in [rad], are of one branch; so are those linked by such."""
-PER_BRANCH = 4
-"""Postures of a branch that are judged, of an arm that has many."""
+JUDGED = 12
+"""Postures that are judged at most: the least strained of every branch, then the second of each, and so on."""
 AS_GOOD = 0.01
 """Shares that differ by no more than this are alike; the posture that is farther from its joints' limits is taken."""
 
@@ -75,13 +75,11 @@ def branch_postures(arm: PlacedArm, poses: TaskPoses) -> Float[np.ndarray, "n do
     joints = nearest_to_middle(arm, np.array(exact).reshape(-1, len(arm.description.joints)))
     joints = joints[_holdable(arm, joints)]
     joints = joints[np.argsort(strain(arm, joints), kind="stable")]
-    chosen, branch = [], branches(joints)
-    for one in dict.fromkeys(branch.tolist()):
-        members = np.flatnonzero(branch == one)
-        if joints.shape[1] <= 6:
-            members = members[:1]
-        chosen += members[np.linspace(0, len(members) - 1, min(PER_BRANCH, len(members))).astype(int)].tolist()
-    return joints[chosen]
+    branch = branches(joints)
+    place = np.array([(branch[:i] == branch[i]).sum() for i in range(len(joints))], dtype=int)  # Within its branch.
+    if joints.shape[1] <= 6:
+        return joints[place == 0]
+    return joints[np.argsort(place, kind="stable")[:JUDGED]]
 
 
 def branches(joints: Float[np.ndarray, "n dof"]) -> Int[np.ndarray, " n"]:
