@@ -1,6 +1,7 @@
 """Placing an arm: from its description, a setting and what a task asks of it to a `PlacedArm`; the door of arms."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -26,6 +27,7 @@ def place_arm(
     base: Sequence[float] | None = None,
     yaw: float | None = None,
     branch: str | None = None,
+    posture: Sequence[float] | None = None,
     self_collision: bool | None = None,
     orientation_weight: float | None = None,
 ) -> PlacedArm:
@@ -39,6 +41,7 @@ def place_arm(
         yaw: Turn of its base, in [rad].
         branch: One that the arm's file states, or `found` for the best that is found at the task's start, which is
             what arms have whose file states none.
+        posture: The one that was found before, in [rad], with the branch `found`; it is not sought again.
         self_collision: Whether its links collide with each other.
         orientation_weight: Of its inverse kinematics, in [m/rad].
 
@@ -71,7 +74,9 @@ def place_arm(
     arm = PlacedArm(
         description, setting, (x, y, z), posture=stated.posture, branch=name, bounds=stated.bounds, **chosen
     )
-    return _found(arm, poses) if name == FOUND else arm
+    if name != FOUND:
+        return arm
+    return _found(arm, poses) if posture is None else replace(arm, posture=tuple(map(float, posture)))
 
 
 def usual_choices(robot: str, setting: str) -> dict[str, Any]:
@@ -100,11 +105,9 @@ def other_branches(arm: PlacedArm, poses: TaskPoses) -> list[PlacedArm]:
     """The same arm in the other branches that its file states."""
     file = _file_of(arm.description)
     names = [name for name in file.branches if name != arm.branch] if file else []
-    choices = arm.base, arm.yaw
-    return [
-        place_arm(arm.description, poses, arm.setting, *choices, name, arm.self_collision, arm.orientation_weight)
-        for name in names
-    ]
+    alike = {"base": arm.base, "yaw": arm.yaw, "self_collision": arm.self_collision}
+    alike["orientation_weight"] = arm.orientation_weight
+    return [place_arm(arm.description, poses, arm.setting, branch=name, **alike) for name in names]
 
 
 def _file_of(description: RobotDescription) -> RobotFile | None:
