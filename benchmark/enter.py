@@ -16,7 +16,7 @@ from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.sent_rows import nearest, otherwise, refusals
 from benchmark.scoring.ranking import Protocol, protocols_of
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import FIRST_TEST_SEED, TASK_ARMS, EnergyConfig, MapConfig, RobotConfig, RunConfig
+from benchmark.settings.config import FIRST_TEST_SEED, PAPER_ARMS, EnergyConfig, MapConfig, RobotConfig, RunConfig
 from benchmark.settings.task import chosen_task
 from richmap.outputs import replacing
 
@@ -45,7 +45,7 @@ class EnterConfig:
     replays: int | None = None
     """With table=: how many of its rows, drawn at random, are rolled out again; null for all of them (6,000 take about
     20 minutes). If all of n come out alike, fewer than 3 / n of the table are edited, at 95 %."""
-    robots: list[str] = field(default_factory=lambda: list(TASK_ARMS))
+    robots: list[str] = field(default_factory=lambda: list(PAPER_ARMS))
     """Arms, as in robots=[ur3,ur5]; the protocol has all four."""
     settings: list[str] = field(default_factory=lambda: ["embodied"])
     """What the arms may do (see benchmark.run): embodied, best or both, as in settings=[embodied,best], by the strict
@@ -69,7 +69,7 @@ class EnterConfig:
     def __post_init__(self) -> None:
         some = self.replays is None or self.replays >= 1
         check_setting(some, "replays", self.replays, "a whole number >= 1, or null for all rows")
-        check_setting(bool(self.robots), "robots", self.robots, f"some of {', '.join(TASK_ARMS)}")
+        check_setting(bool(self.robots), "robots", self.robots, f"some of {', '.join(PAPER_ARMS)}")
         protocols = protocols_of(chosen_task(self.task))
         allowed = " or ".join(", ".join(protocol.settings) for protocol in protocols)
         fits = any({*self.settings} <= {*protocol.settings} for protocol in protocols)

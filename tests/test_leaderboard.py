@@ -20,7 +20,7 @@ from benchmark.scoring.leaderboard_text import beside_the_paper
 from benchmark.scoring.ranking import adjusted, as_usual, counted, counted_by_any, protocols_of
 from benchmark.scoring.statistics import holm, paired_p_value
 from benchmark.settings.command import CONF, SettingError
-from benchmark.settings.config import FIRST_TEST_SEED, TASK_ARMS, RunConfig
+from benchmark.settings.config import FIRST_TEST_SEED, PAPER_ARMS, RunConfig
 from benchmark.settings.recipe import RECIPES, USUAL, recipe_folder
 from envs.block_push.task import BLOCK_PUSH
 
@@ -348,5 +348,5 @@ def test_what_is_published_is_what_the_published_rows_say(recipe):
         )
         assert re.search(line, section), (row.robot, row.setting, row.method, line)
         checked += 1
-    arms = [part for part in sections if part.split(",")[0] in TASK_ARMS]
+    arms = [part for part in sections if part.split(",")[0] in PAPER_ARMS]
     assert checked == sum(part.count("batches of") for part in arms) > 0

@@ -11,7 +11,7 @@ from pandas.api.types import is_bool_dtype, is_float_dtype, is_integer_dtype
 
 from benchmark.episodes.table import COLUMNS, IDENTITY, PRODUCER, Condition, check_unedited, read_table, row_name
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import ENTRY_NAME, ORACLE_METHODS, SETTINGS, TASK_ARMS
+from benchmark.settings.config import ENTRY_NAME, ORACLE_METHODS, PAPER_ARMS, SETTINGS
 from envs import MAX_EPISODE_STEPS
 from envs.block_push.failure import CAUSES
 from envs.block_push.outcome import EpisodeOutcome
@@ -106,7 +106,7 @@ def contradictions(table: pd.DataFrame) -> dict[str, pd.Series]:
     looks_at_one = table.method.isin([name for name, method in METHODS.items() if method.field])
     sizes = table[[name for name in table if name.startswith(("tracking_error_", "ik_residual_", "tool_tilt_"))]]
     known = {
-        "robot": TASK_ARMS,
+        "robot": PAPER_ARMS,
         "setting": SETTINGS,
         "branch": ("out", "in"),
         "device": ("cpu", "cuda"),

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import TASK_ARMS
 from richmap.outputs import replacing
+from richmap.robots import ROBOTS
 
 if TYPE_CHECKING:
     import mujoco
@@ -30,7 +30,7 @@ REJECTED, LET_THROUGH = 0.02, 0.05
 class SelfCollisionConfig:
     """Compares the convex parts that simulators collide with exact triangles, on configurations drawn afresh."""
 
-    robots: list[str] = field(default_factory=lambda: [*TASK_ARMS, "panda", "iiwa7", "ur5e", "gen3"])
+    robots: list[str] = field(default_factory=lambda: [*ROBOTS])
     """Arms, as in robots=[ur3,ur5]; their rows replace older ones in the table."""
     configurations: int = 20_000
     """Least number of configurations per arm, uniform within the joint limits; a whole number >= 1."""
@@ -52,7 +52,7 @@ def main(config: SelfCollisionConfig) -> None:
     """Measure arm after arm, and store and print the table after each."""
     from rich.console import Console
 
-    from richmap.robots.robots import ROBOTS, load_robot
+    from richmap.robots.robots import load_robot
 
     console = Console()
     for name in config.robots:
@@ -123,8 +123,6 @@ def convex_parts_collide(model: "mujoco.MjModel", joints: "np.ndarray") -> "np.n
 def store(output_dir: Path, row: dict[str, object]) -> "pd.DataFrame":
     """Add a row to the table, in place of an older one of the same arm."""
     import pandas as pd
-
-    from richmap.robots.robots import ROBOTS
 
     file = output_dir / "self_collision.parquet"
     rows = pd.read_parquet(file).to_dict("records") if file.exists() else []

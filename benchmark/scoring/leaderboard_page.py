@@ -12,7 +12,7 @@ from markdown_it import MarkdownIt
 from benchmark.episodes.arm import setting_text
 from benchmark.scoring.leaderboard_text import PROTOCOL_TEXTS, how_to_read, mechanism_text, rounding_text
 from benchmark.scoring.published import TABLE_3
-from benchmark.settings.config import TASK_ARMS
+from benchmark.settings.config import PAPER_ARMS
 from benchmark.settings.recipe import RECIPES, USUAL
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def page(task: "Task", tables: "dict[Protocol, pd.DataFrame]", figures: Path, re
 
 def pictures(folder: Path) -> list[dict[str, str]]:
     """The first moving pictures of each arm, as the page holds them."""
-    files = [file for robot in TASK_ARMS for file in sorted(folder.glob(f"{robot}-*.gif"))[:PICTURES]]
+    files = [file for robot in PAPER_ARMS for file in sorted(folder.glob(f"{robot}-*.gif"))[:PICTURES]]
     return [
         {
             "caption": ", ".join(file.stem.replace("lambda", "λ ").split("-")),

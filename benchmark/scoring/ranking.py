@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmark.episodes.arm import ARM, usual_columns
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import FIRST_TEST_SEED, TASK_ARMS, RunConfig
+from benchmark.settings.config import FIRST_TEST_SEED, RunConfig, in_tables
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -138,7 +138,7 @@ def leaderboard(episodes: "pd.DataFrame", protocol: Protocol, task: "Task") -> "
     table = pd.DataFrame(rows)
     for score in protocol.scores:
         table[f"{score}_holm"] = adjusted(table, f"{score}_p")
-    rank = [protocol.settings.index(x) for x in table.setting], [TASK_ARMS.index(x) for x in table.robot]
+    rank = [protocol.settings.index(x) for x in table.setting], [*map(in_tables, table.robot)]
     order = np.lexsort([table["lambda"], -table[protocol.scores[0]], ~table.complete, *rank[::-1]])
     return table.iloc[order].reset_index(drop=True)
 

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 SOURCE = "xarm6"
 """The arm that policies are trained on; its base frame is the world frame."""
 
-TASK_ARMS = ("xarm6", "ur3", "ur5", "ur10")
-"""The paper's arms, which the leaderboard ranks; the source comes first."""
+PAPER_ARMS = (SOURCE, "ur3", "ur5", "ur10")
+"""The source and the arms that the paper transfers to: what lists of arms hold unless told otherwise."""
 
 FIRST_TEST_SEED = 100_000
 """Episodes from this seed on are for final tables only."""
@@ -406,8 +406,15 @@ class EntryConfig:
 
 def check_targets(robots: list[str]) -> None:
     """Raise `SettingError` unless these are arms that a policy can be transferred to, one or more."""
+    targets = [name for name in ROBOTS if name != SOURCE]
     for name in robots or [None]:
-        check_setting(name in TASK_ARMS[1:], "robots", name, ", ".join(TASK_ARMS[1:]))
+        check_setting(name in targets, "robots", name, ", ".join(targets))
+
+
+def in_tables(robot: str) -> int:
+    """Where an arm comes in tables: the paper's first, then others that ship, then those that do not."""
+    order = [*PAPER_ARMS, *(name for name in ROBOTS if name not in PAPER_ARMS)]
+    return order.index(robot) if robot in order else len(order)
 
 
 def check_seeds(first: int, count: int) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import ORACLE_METHODS, TASK_ARMS, RunConfig, check_folder
+from benchmark.settings.config import ORACLE_METHODS, PAPER_ARMS, RunConfig, check_folder
 from benchmark.settings.recipe import RECIPES
 from richmap.outputs import replacing
 
@@ -115,7 +115,7 @@ def examples(failed: "pd.DataFrame", code: str, policies: set[str]) -> "pd.DataF
         rounded_otherwise=ours.arithmetic.fillna("") != arithmetic(),
         rushed=ours.sampling_steps < RunConfig().sampling_steps,
         guided=ours["lambda"] > 0,
-        arm=ours.robot.map([*TASK_ARMS[1:], TASK_ARMS[0]].index),
+        arm=ours.robot.map([*PAPER_ARMS[1:], PAPER_ARMS[0]].index),
     )
     order = order.sort_values(["rounded_otherwise", "rushed", "guided", "arm", "episode_seed", "row_hash"])
     place = order.groupby("failure_cause", sort=False).cumcount()

@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING
 
 from benchmark.artifacts.outputs import store_rows
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import TASK_ARMS, RobotConfig, RunConfig, check_folder, check_seeds
+from benchmark.settings.config import PAPER_ARMS, RobotConfig, RunConfig, check_folder, check_seeds
 from richmap.outputs import replacing
+from richmap.robots import ROBOTS
 
 if TYPE_CHECKING:
     import gymnasium
@@ -42,7 +43,7 @@ SHOWN = 12
 class EnvironmentSpeedConfig:
     """Measures control steps of each arm beside bare physics, chunks of actions plain and guided, and rollouts."""
 
-    robots: list[str] = field(default_factory=lambda: list(TASK_ARMS))
+    robots: list[str] = field(default_factory=lambda: list(PAPER_ARMS))
     """Arms, as in robots=[ur3,ur5]; their rows replace older ones in the table. [] for the sampling alone."""
     episodes: int = 10
     """Episodes of the scripted oracle per arm; a whole number >= 1."""
@@ -65,7 +66,7 @@ class EnvironmentSpeedConfig:
 
     def __post_init__(self) -> None:
         for name in self.robots:
-            check_setting(name in TASK_ARMS, "robots", name, ", ".join(TASK_ARMS))
+            check_setting(name in ROBOTS, "robots", name, ", ".join(ROBOTS))
         for name in ("environments", "threads"):
             values = getattr(self, name)
             check_setting(bool(values) and min(values) >= 1, name, values, "whole numbers >= 1")

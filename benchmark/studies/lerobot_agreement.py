@@ -25,7 +25,6 @@ from benchmark.rollouts.missing_episodes import run_and_store
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.config import (
     SETTINGS,
-    TASK_ARMS,
     RobotConfig,
     RunConfig,
     check_folder,
@@ -33,6 +32,7 @@ from benchmark.settings.config import (
     robot_field,
 )
 from richmap.outputs import replacing
+from richmap.robots import ROBOTS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,7 +50,7 @@ KEY = ["robot", "setting", "checkpoint_hash", "code_version", "episode_seed"]
 class LerobotAgreementConfig:
     """Compares the success that lerobot-eval measures with that of our rollouts, on the same episodes."""
 
-    robot: RobotConfig = robot_field("ur3", TASK_ARMS)
+    robot: RobotConfig = robot_field("ur3", ROBOTS)
     """Arm: xarm6, ur3, ur5 or ur10."""
     setting: str = "embodied"
     """What the arm may do: original, embodied or best (see benchmark.run)."""
@@ -72,7 +72,7 @@ class LerobotAgreementConfig:
     """Folder of lerobot_agreement.md; episodes go to its folder lerobot_agreement."""
 
     def __post_init__(self) -> None:
-        check_setting(self.robot.name in TASK_ARMS, "robot", self.robot.name, ", ".join(TASK_ARMS))
+        check_setting(self.robot.name in ROBOTS, "robot", self.robot.name, ", ".join(ROBOTS))
         for name in ("episodes", "slots", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         check_seeds(self.seed_start, self.episodes)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import SETTINGS, SOURCE, TASK_ARMS, EnergyConfig, MapConfig, check_targets
+from benchmark.settings.config import PAPER_ARMS, SETTINGS, SOURCE, EnergyConfig, MapConfig, check_targets
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ SLOPE_SPACING = 0.01
 class TopViewConfig:
     """Draws discrepancy (MMD) and slope of the energy over the table, for each target arm, as in the paper's figure."""
 
-    robots: list[str] = field(default_factory=lambda: list(TASK_ARMS[1:]))
+    robots: list[str] = field(default_factory=lambda: list(PAPER_ARMS[1:]))
     """Target arms, as in robots=[ur3,ur5]."""
     setting: str = "embodied"
     """Where the arms stand (see benchmark.run); what else the setting says does not change the fields."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from benchmark.scoring.scale_table import CHOSEN_FOR
 from benchmark.settings.command import check_setting
-from benchmark.settings.config import TASK_ARMS, ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig, robot_field
+from benchmark.settings.config import ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig, robot_field
 from benchmark.settings.recipe import USUAL
 from benchmark.sweeps.chosen_scale import arm_folder, read_methods
 from policies.methods import GUIDED, METHODS, MOST_SAMPLES
@@ -34,8 +34,8 @@ EPISODE_SECONDS = 0.3
 class ScalesConfig:
     """Sweeps the scale of each method of guidance on an arm, on validation episodes and up to collapse."""
 
-    robot: RobotConfig = robot_field("ur3", TASK_ARMS)
-    """Arm that acts: ur3, ur5, ur10 or xarm6."""
+    robot: RobotConfig = robot_field("ur3")
+    """Arm that acts (see benchmark.run)."""
     task: str = "block_push"
     """What is to be done (see benchmark.run)."""
     methods: list[str] = field(default_factory=lambda: [*GUIDED])
