@@ -94,7 +94,7 @@ def _add_joints(robot: ET.Element, model: mujoco.MjModel, body: int, parent: str
     joints = range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
     anchor = np.zeros(3)
     for joint in joints:
-        place = pose @ _pose(model.jnt_pos[joint] - anchor, [1, 0, 0, 0])
+        place = pose @ _pose(model.jnt_pos[joint] - anchor, [1.0, 0.0, 0.0, 0.0])
         anchor, pose = model.jnt_pos[joint], np.eye(4)
         joint_name = _joint_name(model, joint)
         moved = name if joint == joints[-1] and not anchor.any() else f"{joint_name}_anchor"
@@ -110,7 +110,7 @@ def _add_joints(robot: ET.Element, model: mujoco.MjModel, body: int, parent: str
             ET.SubElement(robot, "link", name=moved)
         parent = moved
     if parent != name:
-        _add_joint(robot, f"{name}_fixed", "fixed", parent, name, pose @ _pose(-anchor, [1, 0, 0, 0]))
+        _add_joint(robot, f"{name}_fixed", "fixed", parent, name, pose @ _pose(-anchor, [1.0, 0.0, 0.0, 0.0]))
 
 
 def _add_joint(
@@ -195,7 +195,7 @@ def _add_shape(
         half = float(model.geom_size[geom][1])
         _add_collision(link, pose, "cylinder", radius=size[0], length=repr(2 * half))
         for end in (-half, half) if kind == _GEOM.mjGEOM_CAPSULE else ():
-            _add_collision(link, pose @ _pose([0, 0, end], [1, 0, 0, 0]), "sphere", radius=size[0])
+            _add_collision(link, pose @ _pose([0, 0, end], [1.0, 0.0, 0.0, 0.0]), "sphere", radius=size[0])
     elif model.geom_bodyid[geom] > 0:  # The world's floor is no part of an arm.
         name = _GEOM(kind).name.removeprefix("mjGEOM_").lower()
         raise ValueError(

@@ -89,7 +89,7 @@ class RobotDescription:
             return self
         root, base = ET.fromstring(self.urdf), f"turned_{self.base}"
         ET.SubElement(root, "link", name=base)
-        joint = ET.SubElement(root, "joint", name=base, type="fixed")
+        joint = ET.SubElement(root, "joint", name=f"{base}_joint", type="fixed")
         ET.SubElement(joint, "origin", xyz="0 0 0", rpy=f"0 0 {yaw!r}")
         ET.SubElement(joint, "parent", link=base)
         ET.SubElement(joint, "child", link=self.base)
