@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from lerobot.datasets import LeRobotDataset
 
+from benchmark.artifacts.alone import alone
 from benchmark.settings.command import SettingError
 from benchmark.training.collection import collect
 from benchmark.training.demonstration import Demonstration, around_blocks, demonstrate, pack, source_env, unpack
@@ -52,6 +53,18 @@ def test_collecting_again_changes_nothing(root, config):
     before = (root / "meta" / "info.json").stat().st_mtime_ns
     assert collect(config) == root
     assert (root / "meta" / "info.json").stat().st_mtime_ns == before
+
+
+def test_statistics_are_in_the_same_order_in_every_process(root):
+    text = (root / "meta" / "stats.json").read_text()
+    assert text == json.dumps(json.loads(text), indent=4, sort_keys=True)
+
+
+def test_two_processes_do_not_collect_into_one_folder(tmp_path):
+    config = CollectConfig(episodes=1, output_dir=str(tmp_path / "few"))
+    with alone(tmp_path / "few"), pytest.raises(SettingError, match="Another process makes .*few"):
+        collect(config)
+    assert not list(tmp_path.iterdir())
 
 
 def test_other_settings_need_another_folder(root, config):

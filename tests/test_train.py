@@ -12,6 +12,7 @@ import torch
 from lerobot.datasets import LeRobotDataset
 from lerobot.policies import make_pre_post_processors
 
+from benchmark.artifacts.alone import alone
 from benchmark.episodes.code_version import code_version
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import WandbConfig
@@ -85,6 +86,31 @@ def test_a_killed_run_goes_on_as_if_nothing_had_happened(root, tmp_path, monkeyp
         assert (resumed / file).read_bytes() == (whole / file).read_bytes()
     curve = pd.read_csv(resumed / "training_curve.csv")
     assert curve.step.tolist() == [2, 4] and (curve[["loss", "lr", "grad_norm"]] > 0).all(axis=None)
+
+
+def test_a_curve_goes_on_between_two_of_its_lines(root, tmp_path, monkeypatch):
+    monkeypatch.setattr("benchmark.training.trainer.LOG_EVERY", 3)
+    (whole,) = train(config(root, tmp_path / "whole", steps=6))
+    batch = DemonstrationTensors.batch
+
+    def killed(self, seed, step, *args):
+        if step == 5:
+            raise KeyboardInterrupt
+        return batch(self, seed, step, *args)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(DemonstrationTensors, "batch", killed)
+        train(config(root, tmp_path / "killed", steps=6))  # Its last state is of step 4.
+    (resumed,) = train(config(root, tmp_path / "killed", steps=6))
+    assert (resumed / "training_curve.csv").read_bytes() == (whole / "training_curve.csv").read_bytes()
+
+
+def test_two_processes_do_not_train_into_one_folder(root, tmp_path):
+    both = config(root, tmp_path)
+    with alone(both.checkpoints[4]), pytest.raises(SettingError, match="Another process makes .*seed42-1"):
+        train(both)
+    train(both)
+    assert not list(tmp_path.glob(".*"))
 
 
 def test_a_checkpoint_loads_and_says_how_it_was_made(root, tmp_path):

@@ -5,19 +5,25 @@ import importlib.metadata
 import inspect
 import json
 import math
+import shutil
 from collections.abc import Callable
 from pathlib import Path
+from time import time
 from types import ModuleType
 from typing import Any
 
 import platformdirs
-from filelock import FileLock
+from filelock import FileLock, Timeout
 
 from benchmark.settings.setting import SettingError
 from richmap.files import FileRefusedError
 
 PACKAGES = ("pin", "coal", "numpy", "scipy", "numba", "torch", "pytorch-kinematics")
 """Whose versions decide what is in the cache; pinned exactly."""
+
+
+WEEK = 7 * 24 * 3600.0
+"""Time after which a build that was not gone on with is cleared away, in [s]."""
 
 
 def package_versions(*names: str) -> str:
@@ -59,11 +65,27 @@ def cached[Value](path: str, load: Callable[[Path], Value], make: Callable[[], V
     try:
         return load(file), file
     except (FileNotFoundError, FileRefusedError):
+        clear_leftovers()
         value = make()
         value.save(file)
         return value, file
     finally:
         lock.release()
+
+
+def clear_leftovers() -> None:
+    """Remove what killed builds left in the cache: folders to go on from and half-written files, a week old.
+
+    A lock's file, which is empty, stays: it is of use to the next build.
+    """
+    cache, week_ago = Path(platformdirs.user_cache_dir("richmap")), time() - WEEK
+    for path in [path for path in cache.glob("builds/*") if path.is_dir()] + list(cache.glob("*/.*.tmp")):
+        try:
+            if max(part.stat().st_mtime for part in [path, *path.glob("*")]) < week_ago:
+                with FileLock(f"{path}.lock", timeout=0):
+                    shutil.rmtree(path) if path.is_dir() else path.unlink()
+        except (OSError, Timeout):  # Somebody is at it, or it is somebody else's.
+            continue
 
 
 def seconds(file: Path) -> float:

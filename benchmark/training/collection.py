@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
+from benchmark.artifacts.alone import alone
 from benchmark.settings.command import SettingError
 from benchmark.training.demonstration_recipe import CollectConfig
 
@@ -15,21 +16,30 @@ def collect(config: CollectConfig) -> Path:
     """Collects the demonstrations if they are not there yet, and gives their folder.
 
     A run that was killed goes on with the chunks of episodes that it had stored, by the same code.
+
+    Raises:
+        SettingError: If others are there, or another process collects them just now.
     """
     from benchmark.episodes.code_version import code_version
-    from benchmark.training.demonstration_chunks import simulate
 
     root = Path(config.output_dir)
     if root.exists():
         _check_demonstrations(root, config, code_version())
         return root
-    about = {"recipe": config.recipe, "code": code_version()}
+    with alone(root):
+        if not root.exists():
+            _collect(config, root, {"recipe": config.recipe, "code": code_version()})
+    return root
+
+
+def _collect(config: CollectConfig, root: Path, about: Mapping[str, object]) -> None:
+    from benchmark.training.demonstration_chunks import simulate
+
     chunks = root.parent / f".{root.name}-{digest(about)}"
     chunks.mkdir(parents=True, exist_ok=True)
     simulate(config, chunks)
     _assemble(config, chunks, root, about)
     shutil.rmtree(chunks)
-    return root
 
 
 def digest(values: Mapping[str, object]) -> str:
@@ -57,7 +67,8 @@ def _assemble(config: CollectConfig, chunks: Path, root: Path, about: Mapping[st
     from benchmark.training.demonstration_chunks import played, stored
     from benchmark.training.demonstration_dataset import write_dataset
 
-    partial = root.with_name(f".{root.name}.{os.getpid()}.tmp")
+    partial = root.with_name(f".{root.name}.tmp")
+    shutil.rmtree(partial, ignore_errors=True)
     write_dataset(stored(config, chunks), partial, config.episodes)
     about = {**about, "played": played(config, chunks)}
     (partial / "meta" / "collect.json").write_text(json.dumps(about, indent=2) + "\n")

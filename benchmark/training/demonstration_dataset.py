@@ -1,5 +1,6 @@
 """Demonstrations as a LeRobotDataset on disk."""
 
+import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -35,6 +36,8 @@ def write_dataset(episodes: Iterable[Demonstration], root: Path, total: int) -> 
                 dataset.add_frame(frame)
             dataset.save_episode()
     dataset.finalize()
+    statistics = root / "meta" / "stats.json"  # LeRobot writes its parts in an order of their own in every process.
+    statistics.write_text(json.dumps(json.loads(statistics.read_text()), indent=4, sort_keys=True))
 
 
 def _features() -> dict[str, dict]:

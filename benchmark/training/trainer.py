@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from benchmark.artifacts.alone import alone
 from benchmark.settings.command import SettingError, check_setting
 from benchmark.settings.config import WandbConfig, check_folder
 from benchmark.training.collection import collect, digest
@@ -90,13 +91,18 @@ def train(config: TrainConfig, report: Callable[[int, float], None] = lambda ste
         report: Called after each step with the number of steps done and the mean loss of late.
 
     Raises:
-        SettingError: A checkpoint is there already.
+        SettingError: If a checkpoint is there already, or another process trains it just now.
     """
     paths = list(config.checkpoints.values())
-    for path in paths if not config.states.exists() else []:
-        if path.exists():
-            raise SettingError(f"{path} exists. Delete it or choose another output_dir.")
-    root = collect(config.demonstrations)
+    with alone(paths[-1]):
+        for path in paths if not config.states.exists() else []:
+            if path.exists():
+                raise SettingError(f"{path} exists. Delete it or choose another output_dir.")
+        _train(config, collect(config.demonstrations), report)
+    return paths
+
+
+def _train(config: TrainConfig, root: Path, report: Callable[[int, float], None]) -> None:
     os.environ.setdefault("HF_HUB_OFFLINE", "1")  # Nothing here needs the hub.
     import torch
 
@@ -107,7 +113,6 @@ def train(config: TrainConfig, report: Callable[[int, float], None] = lambda ste
     pipeline = _pipeline(config, root)
     _optimise(config, pipeline, demonstrations, report)
     shutil.rmtree(config.states)
-    return paths
 
 
 def _pipeline(config: TrainConfig, root: Path) -> "TrainPipelineConfig":
@@ -146,7 +151,7 @@ def _optimise(
     from lerobot.utils.random_utils import set_seed
 
     from benchmark.artifacts.wandb_run import start_experiment
-    from benchmark.training.training_state import CURVE, last_state, load_state, save_state
+    from benchmark.training.training_state import CURVE, last_state, load_meters, load_state, save_state
 
     set_seed(config.seed)
     policy = make_policy(pipeline.policy, ds_meta=demonstrations.meta)
@@ -158,6 +163,8 @@ def _optimise(
     if first in config.checkpoints:  # Killed just before it was published, perhaps.
         _publish(state, first, config, pipeline, demonstrations)
     accelerator, tracker = _accelerator(config), _tracker(config, demonstrations)
+    if state:
+        load_meters(state, tracker)
     ready, ready_optimizer, ready_scheduler = accelerator.prepare(policy, optimizer, scheduler)
     clip = pipeline.optimizer.grad_clip_norm
     with start_experiment(config.wandb, f"seed{config.seed}", config.output_dir, "train", asdict(config)) as run:
@@ -172,7 +179,9 @@ def _optimise(
                 tracker.reset_averages()
             if step % config.save_every == 0 or step in {*config.checkpoints, config.steps}:
                 losses = pd.DataFrame(curve, columns=["step", "loss", "lr", "grad_norm"])
-                state = save_state(config.states, step, pipeline, policy, optimizer, scheduler, processors, losses)
+                state = save_state(
+                    config.states, step, pipeline, policy, optimizer, scheduler, processors, losses, tracker
+                )
                 if step in config.checkpoints:
                     _publish(state, step, config, pipeline, demonstrations)
 

@@ -3,10 +3,8 @@
 import time
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import count
-from multiprocessing import get_context
 from pathlib import Path
 from typing import no_type_check
 
@@ -21,7 +19,7 @@ from richmap.geometry.rotations import quaternions_of
 from richmap.motion.kinematics import flange_frames
 from richmap.motion.sampling import sample_workspace
 from richmap.robots.robot import RobotDescription
-from richmap.worker import start_worker
+from richmap.worker import worker_pool
 
 PAGE = 64
 """Quaternions of a cell that lie together: enough for SIMD, few enough to waste none."""
@@ -147,7 +145,7 @@ def build_capability_map(
         inserter.resume(left)
         reached = replace(left.construction, stop_rate=construction.stop_rate, target=construction.target)
     saved = time.monotonic()
-    with ProcessPoolExecutor(workers, get_context("spawn"), initializer=start_worker) as pool:
+    with worker_pool(workers) as pool:
         upcoming = (pool.submit(sample_orientations, robot, construction, i) for i in count(reached.draws))
         queue = deque(next(upcoming) for _ in range(2 * workers))
         while reached.batch_rate >= reached.stop_rate and not 0 < reached.target <= inserter.inserted:

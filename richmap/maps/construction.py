@@ -6,13 +6,13 @@ import os
 import shutil
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from itertools import count
 from math import ceil
 from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from richmap.maps.reachability_map import Construction, ReachabilityMap
 from richmap.motion.kinematics_check import check_kinematics
 from richmap.motion.sampling import Orbits, roll_gap, sample_workspace, way_about_base_z
 from richmap.robots.robot import RobotDescription
-from richmap.worker import start_worker
+from richmap.worker import start_worker, worker_pool
 
 STATE_VERSION = 2
 
@@ -230,13 +230,16 @@ def _resume(folder: Path, inserter: Inserter, construction: Construction) -> tup
     file = folder / "state.json"
     if not file.exists():
         return construction, 0.0
-    state = json.loads(file.read_text())
-    if state["of"] != _identity(inserter.grid, construction):
-        raise FileRefusedError(f"{folder} holds the state of another build ({state['of']}). Delete it or name another.")
-    if 0 < construction.target < state["inserted"]:
+    try:
+        state = json.loads(file.read_text())
+        of, inserted, reached = state["of"], state["inserted"], Construction.from_dict(state["reached"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileRefusedError(f"{file} is damaged ({error!r}). Delete {folder}.") from error
+    if of != _identity(inserter.grid, construction):
+        raise FileRefusedError(f"{folder} holds the state of another build ({of}). Delete it or name another.")
+    if 0 < construction.target < inserted:
         return construction, 0.0  # It went too far; this build begins anew.
-    reached = Construction.from_dict(state["reached"])
-    inserter.resume(state["inserted"], reached.offered)
+    inserter.resume(inserted, reached.offered)
     return replace(reached, stop_rate=construction.stop_rate, target=construction.target), state["seconds"]
 
 
@@ -250,14 +253,16 @@ class _Samplers:
         size = self._slots * construction.draw
         buffers = [context.RawArray("b", size * dtype.itemsize * width) for dtype, width in fields]
         self._draws = _views(buffers, robot, construction)
-        arguments = robot, construction, buffers
-        self._pool = ProcessPoolExecutor(workers, context, _start_sampler, arguments)
+        self._opened = worker_pool(workers, _start_sampler, (robot, construction, buffers))
 
     def __enter__(self) -> "_Samplers":
+        self._pool = self._opened.__enter__()
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self._pool.shutdown(cancel_futures=True)
+    def __exit__(self, *error: Any) -> None:
+        if error[0] is None:
+            self._pool.shutdown(cancel_futures=True)
+        self._opened.__exit__(*error)
 
     def draws(self, first: int) -> Iterator[Orbits]:
         """Draws from number `first` on. Each is overwritten once the next one was asked for."""

@@ -250,6 +250,8 @@ class ReachabilityMap:
         with reading(path, KIND, VERSION) as (arrays, about):
             construction = Construction.from_dict(json.loads(about["construction"]))
             check_robot(path, construction.robot, construction.robot_fingerprint, robot)
+            if robot is not None and not np.array_equal(arrays["limits"], [robot.lower, robot.upper]):
+                raise ValueError(f"its joint limits are not those of {robot.name}")
             return cls(
                 Grid.from_dict(json.loads(about["grid"])),
                 gaps=arrays.pop("gaps", None),
