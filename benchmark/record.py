@@ -1,4 +1,4 @@
-"""GIFs of episodes.
+"""Moving pictures of episodes, as WebP.
 
 python -m benchmark.record robot=ur3 lambda=0.5 seed_start=100000 output_dir=results/figures
 """
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def main(config: RunConfig) -> None:
-    """Play episodes from seed `seed_start` on and write each to `output_dir` as a GIF."""
+    """Play episodes from seed `seed_start` on and write each to `output_dir` as a moving WebP."""
     config = with_scale(config)
     checkpoint = chosen_checkpoint(config)
     from rich.console import Console
@@ -28,7 +28,7 @@ def main(config: RunConfig) -> None:
     folder = Path(config.output_dir)
     scale = f"{'lambda' if config.method == 'paper' else config.method}{config.guidance_scale:g}"
     for seed in range(config.seed_start, config.seed_start + config.episodes):
-        file = folder / f"{config.robot.name}-{config.setting}-{scale}-{seed}.gif"
+        file = folder / f"{config.robot.name}-{config.setting}-{scale}-{seed}.webp"
         episode = record(rollout, seed, file)
         outcome = episode.outcome
         how = f"failed by {outcome.failure_cause}" if outcome.failure_cause else "succeeded"

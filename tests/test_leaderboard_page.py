@@ -55,7 +55,7 @@ def file(tables, tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     frames = np.zeros((2, 30, 40, 3), np.uint8)
     frames[1] = 255
-    imageio.imwrite(folder / "ur3-embodied-lambda0.5-100000.gif", frames, duration=100, loop=0)
+    imageio.imwrite(folder / "ur3-embodied-lambda0.5-100000.webp", frames, duration=100, loop=0)
     (folder / "leaderboard.html").write_text(page(BLOCK_PUSH, tables, folder))
     return folder / "leaderboard.html"
 

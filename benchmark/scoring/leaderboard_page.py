@@ -33,7 +33,7 @@ def page(task: "Task", tables: "dict[Protocol, pd.DataFrame]", figures: Path, re
     Args:
         task: What the episodes are of.
         tables: The leaderboard of each protocol.
-        figures: Folder of moving pictures, `<arm>-<setting>-<method and scale>-<seed>.gif` (`benchmark.record`).
+        figures: Folder of moving pictures, `<arm>-<setting>-<method and scale>-<seed>.webp` (`benchmark.record`).
         recipe: Of the policies.
     """
     rows = [
@@ -65,19 +65,11 @@ def page(task: "Task", tables: "dict[Protocol, pd.DataFrame]", figures: Path, re
 
 def pictures(folder: Path) -> list[dict[str, str]]:
     """The first moving pictures of each arm, as the page holds them."""
-    files = [file for robot in PAPER_ARMS for file in sorted(folder.glob(f"{robot}-*.gif"))[:PICTURES]]
+    files = [file for robot in PAPER_ARMS for file in sorted(folder.glob(f"{robot}-*.webp"))[:PICTURES]]
     return [
         {
             "caption": ", ".join(file.stem.replace("lambda", "λ ").split("-")),
-            "source": f"data:image/webp;base64,{base64.b64encode(_webp(file)).decode()}",
+            "source": f"data:image/webp;base64,{base64.b64encode(file.read_bytes()).decode()}",
         }
         for file in files
     ]
-
-
-def _webp(gif: Path) -> bytes:
-    """A moving picture as WebP, which takes a tenth of the space."""
-    import imageio.v3 as imageio
-
-    duration = imageio.immeta(gif)["duration"]
-    return imageio.imwrite("<bytes>", imageio.imread(gif), extension=".webp", duration=duration, loop=0, quality=60)
