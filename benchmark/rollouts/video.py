@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def record(rollout: "Rollout", seed: int, file: Path) -> "Episode":
-    """Play one episode and write it as a moving picture, of the kind that the file's ending names."""
+    """Play one episode and write it as a moving picture of the kind that the file's ending names, at twice its speed."""
     import imageio.v3 as imageio
 
     from benchmark.rollouts.rollout import alone
@@ -27,9 +27,5 @@ def record(rollout: "Rollout", seed: int, file: Path) -> "Episode":
 
     episode = alone(rollout, seed, watch)
     with replacing(file) as path:
-        imageio.imwrite(path, frames, duration=2000 / FRAMES_PER_SECOND, loop=0)
+        imageio.imwrite(path, frames, duration=1000 / rollout.task.control_frequency, loop=0)
     return episode
-
-
-FRAMES_PER_SECOND = 20
-"""Twice the speed of the episode, at a frame per control step."""
