@@ -49,7 +49,7 @@ def actions(folder):
     checkpoint = Checkpoint.from_path(str(folder))
     if checkpoint.type != "guided_push":
         policy = StockPolicy(folder, "cpu", SHOWN)
-        policy.reset()
+        policy.reset([0])
         return policy.select_action(BATCH, 0, 0).numpy().tobytes()
     policy = checked_policy(folder, checked_config(folder, SHOWN))
     policy.reset()

@@ -12,6 +12,8 @@ from richmap.geometry.grid import Grid
 from richmap.maps.reachability_map import ReachabilityMap
 from richmap.robots.robots import load_robot
 from richmap.similarity.energy import EnergyField
+from richmap.similarity.load_field import load_field
+from richmap.similarity.signed_distance import SignedDistanceField
 
 pytestmark = pytest.mark.system
 
@@ -38,6 +40,13 @@ def map_file(small_map, tmp_path_factory):
 def field_file(tmp_path_factory):
     file = tmp_path_factory.mktemp("fields") / "field.safetensors"
     EnergyField(GRID, np.random.default_rng(0).random(GRID.shape), {"source": "xarm6", "target": "panda"}).save(file)
+    return file
+
+
+@pytest.fixture(scope="module")
+def distance_file(tmp_path_factory):
+    file = tmp_path_factory.mktemp("fields") / "distance.safetensors"
+    SignedDistanceField(GRID, np.random.default_rng(0).random(GRID.shape), {"target": "panda"}, 0.2, 0.7).save(file)
     return file
 
 
@@ -209,6 +218,27 @@ def test_edits_of_the_header_are_refused(kind, map_file, field_file, tmp_path):
         file = tmp_path / "edited"
         file.write_bytes(len(text).to_bytes(8, "little") + text + whole[8 + length :])
         assert outcome(kind, file) == "refused", edit
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        put("inner", 0, np.nan),
+        put("inner", 0, 0.9),
+        put("outer", 0, -1.0),
+        put("values", (0, 0, 0), np.inf),
+        replace("inner", lambda x: np.zeros(2)),
+        lambda arrays, about: arrays.pop("outer"),
+        lambda arrays, about: arrays.update(colour=np.zeros(1)),
+    ],
+)
+def test_a_field_of_distances_that_makes_no_sense_is_refused(change, distance_file, tmp_path):
+    assert load_field(distance_file).outer == 0.7
+    with pytest.raises(FileRefusedError):
+        load_field(written("distance", distance_file, tmp_path / "changed", change))
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(FileRefusedError, match="no file with a content"):
+        load_field(tmp_path / "pipe")
 
 
 def test_what_is_no_file_is_refused_at_once_and_a_link_to_one_is_followed(map_file, tmp_path):

@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmark.artifacts import cache
 from benchmark.map_quality import poses
-from richmap.files import load_arrays, save_arrays
+from richmap.files import reading, save_arrays
 from richmap.motion import closed_form, inverse_kinematics, reach
 from richmap.motion.collision import self_collision
 from richmap.motion.kinematics import flange_frames
@@ -92,8 +92,8 @@ class LabelledPoses:
         Raises:
             FileRefusedError: If the file is cut short, holds something else, or has another version.
         """
-        arrays, about = load_arrays(path, KIND, VERSION)
-        return cls(**arrays, drawn=json.loads(about["drawn"]))
+        with reading(path, KIND, VERSION) as (arrays, about):
+            return cls(**arrays, drawn=json.loads(about["drawn"]))
 
     @classmethod
     def joined(cls, parts: list["LabelledPoses"]) -> "LabelledPoses":

@@ -52,9 +52,12 @@ def _check_demonstrations(root: Path, config: CollectConfig, code: str) -> None:
     file = root / "meta" / "collect.json"
     if not file.exists():
         raise SettingError(f"output_dir={root} is there and holds no demonstrations. Choose another folder.")
-    about = json.loads(file.read_text())
     asked = {**config.recipe, "code": code}
-    made = {**about["recipe"], "code": about.get("code")}
+    try:
+        about = json.loads(file.read_text())
+        made = {**about["recipe"], "code": about["code"]}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise SettingError(f"{file} is damaged ({error!r}). Delete {root} or choose another output_dir.") from error
     different = {key: made.get(key) for key, value in asked.items() if made.get(key) != value}
     if different:
         raise SettingError(
