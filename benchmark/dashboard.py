@@ -5,7 +5,7 @@ python -m benchmark.dashboard
 
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from benchmark.settings.command import SettingError, run_command
 from benchmark.settings.config import WandbConfig
@@ -79,7 +79,7 @@ def workspace(entity: str, project: str, task: "Task") -> "Workspace":
         panels.LinePlot(y=[name])
         for name in ("train/loss", "train/lr", "train/grad_norm", f"validation/{task.ranking[0]}")
     ]
-    sections = {
+    sections: dict[str, Any] = {
         "Success over lambda": [*curves, *differences],
         "Policies": policies,
         "Failures": [causes],

@@ -177,6 +177,7 @@ def check(config: EnterConfig, rollouts: "Sequence[Rollout]", console: "Console"
     from benchmark.rollouts.rollout import roll_out_all
 
     table = read_trusted(Path(config.table))
+    assert config.episodes is not None
     refused = list(refusals(table, rollouts, range(FIRST_TEST_SEED, FIRST_TEST_SEED + config.episodes)))
     if not refused:
         chance = np.random.default_rng()  # The operating system's: the entry's code could seed NumPy's own.

@@ -24,7 +24,7 @@ def main(config: RunConfig) -> None:
     from rich.console import Console
 
     console = Console()
-    rollout = make_rollout(config, config.guidance_scale, checkpoint, console)
+    rollout = make_rollout(config, config.guidance_scale or 0.0, checkpoint, console)
     folder = Path(config.output_dir)
     scale = f"{'lambda' if config.method == 'paper' else config.method}{config.guidance_scale:g}"
     for seed in range(config.seed_start, config.seed_start + config.episodes):

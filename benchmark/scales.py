@@ -39,7 +39,8 @@ def main(config: ScalesConfig) -> None:
         path.write_text(markdown(table, task))
 
     arm = table[(table[CHOSEN_FOR] == [getattr(direct[0].condition, name) for name in CHOSEN_FOR]).all(axis=1)]
-    base = tuple(map(float, direct[0].condition.base.split()))[:2]
+    x, y, _ = map(float, direct[0].condition.base.split())
+    base = x, y
     guidances = {
         row.method: METHODS[row.method].make(
             Setup(row["lambda"], fields[row.method][0], base, config.seeds[0], task.space)

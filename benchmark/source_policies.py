@@ -123,7 +123,7 @@ def validate(config: SourcePoliciesConfig, console: "Console") -> "pd.DataFrame"
         for training in trainings(config)
         for step, path in training.checkpoints.items()
     ]
-    rollouts = [make_rollout(run, 0.0, candidate["path"], console) for candidate in candidates]
+    rollouts = [make_rollout(run, 0.0, Path(str(candidate["path"])), console) for candidate in candidates]
     tables = run_and_store_all(rollouts, run, f"{len(rollouts)} candidates", console)
     return pd.DataFrame(
         [
@@ -164,7 +164,7 @@ def publish(table: "pd.DataFrame", config: SourcePoliciesConfig) -> None:
         os.replace(partial, path)
 
 
-def _measured(row: tuple, config: SourcePoliciesConfig) -> str:
+def _measured(row: Any, config: SourcePoliciesConfig) -> str:
     """What the card says of a chosen checkpoint."""
     last = config.seed_start + row.n - 1
     return (
@@ -188,6 +188,8 @@ def log_validation(table: "pd.DataFrame", config: SourcePoliciesConfig) -> None:
 
 def markdown(table: "pd.DataFrame", config: SourcePoliciesConfig) -> str:
     """All candidates as a document."""
+    import numpy as np
+
     from benchmark.episodes.code_version import code_version
     from benchmark.scoring.scores import with_interval
     from benchmark.scoring.statistics import rate_interval
@@ -195,7 +197,7 @@ def markdown(table: "pd.DataFrame", config: SourcePoliciesConfig) -> str:
     names = ("p1", "p2", "score", "success_at_end")
     shown = table.assign(length=table.length.round(1), hash=table.hash.str[:12])
     for name in names:
-        bounds = [rate_interval([mean] * n) for mean, n in zip(table[name], table.n, strict=True)]
+        bounds = [rate_interval(np.full(n, mean)) for mean, n in zip(table[name], table.n, strict=True)]
         shown = shown.assign(**{f"{name}_low": [b[0] for b in bounds], f"{name}_high": [b[1] for b in bounds]})
     shown = shown.assign(**{name: [with_interval(row, name) for _, row in shown.iterrows()] for name in names})
     last = config.seed_start + config.episodes - 1

@@ -36,6 +36,7 @@ class DenoisingHead(nn.Module):
     def __init__(self, horizon: int, action_dim: int, width: int, n_blocks: int, n_levels: int) -> None:
         super().__init__()
         self.n_modulations = n_blocks * 2 * width
+        self.levels: Tensor
         self.register_buffer("levels", _sinusoids(n_levels, 64), persistent=False)
         self.time = nn.Sequential(nn.Linear(64, width), nn.SiLU(), nn.Linear(width, self.n_modulations))
         self.input = nn.Linear(horizon * action_dim, width)

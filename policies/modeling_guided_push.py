@@ -38,7 +38,7 @@ class GuidedPushPolicy(DiffusionPolicy):
     def __init__(self, config: GuidedPushConfig, **kwargs: Any) -> None:
         super().__init__(config, **kwargs)
         self.diffusion = GuidedDiffusion(config)
-        field = load_field(Path(config.energy_field)) if config.needs_field else None
+        field = load_field(Path(config.energy_field)) if config.energy_field and config.needs_field else None
         self.guidance = METHODS[config.guidance].make(
             Setup(config.guidance_scale, field, config.guidance_base, config.guidance_seed, config.space)
         )

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from time import time
 from types import ModuleType
-from typing import Any
+from typing import Any, Protocol
 
 import platformdirs
 from filelock import FileLock, Timeout
@@ -40,7 +40,14 @@ def fingerprint(inputs: dict[str, Any], code: list[ModuleType]) -> str:
     return digest.hexdigest()
 
 
-def cached[Value](path: str, load: Callable[[Path], Value], make: Callable[[], Value]) -> tuple[Value, Path]:
+class Saved(Protocol):
+    """What can be kept in the cache."""
+
+    def save(self, path: Path) -> None:
+        """Write it as one file."""
+
+
+def cached[Value: Saved](path: str, load: Callable[[Path], Value], make: Callable[[], Value]) -> tuple[Value, Path]:
     """The value of a file in the cache folder, made first if it is not there or cannot be read.
 
     A value must have `save(path)`. Two processes that want the same file make it once. A cache that cannot be written

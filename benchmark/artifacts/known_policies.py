@@ -25,7 +25,7 @@ def chosen_checkpoint(config: RunConfig) -> Path:
     if not config.policy:
         return checkpoint_folder(config.seed, config.checkpoint, config.recipe)
     checkpoint = Checkpoint.from_path(config.policy)
-    if checkpoint.type != GUIDED and config.guidance_scale > 0:
+    if checkpoint.type != GUIDED and config.guidance_scale:
         raise SettingError(
             f"lambda={config.guidance_scale:g} needs a policy of type {GUIDED}, whose sampling can be guided. "
             f"{config.policy} is of type {checkpoint.type}: use lambda=0."

@@ -33,7 +33,7 @@ def chosen_arm(config: RunConfig | OracleConfig) -> "PlacedArm":
         raise SettingError(f"arm: {error}") from error
 
 
-def arm_columns(arm: "PlacedArm") -> dict[str, object]:
+def arm_columns(arm: "PlacedArm") -> dict[str, Any]:
     """An arm's values of the columns `ARM`."""
     return {
         "robot": arm.robot,

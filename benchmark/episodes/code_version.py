@@ -54,7 +54,8 @@ def deciding_files() -> list[Path]:
     finder = ModuleFinder(path=[str(ROOT)], excludes=noted)
     for file in own:
         finder.run_script(str(file))
-    found = {Path(module.__file__) for module in finder.modules.values() if module.__file__}
+    files = (getattr(module, "__file__", None) for module in finder.modules.values())
+    found = {Path(file) for file in files if file}
     imported = {file for file in found if file.is_relative_to(ROOT / "richmap")}
     return sorted({*own, *imported, *(ROOT / "richmap").rglob("*.safetensors")})
 

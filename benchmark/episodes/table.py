@@ -21,8 +21,6 @@ from richmap.outputs import replacing
 if TYPE_CHECKING:
     import pandas as pd
 
-    from benchmark.episodes.table import Episode
-
 IDENTITY = [
     "robot", "setting", "base", "branch", "self_collision", "joint_limits", "orientation_weight", "method", "lambda",
     "sampler", "sampling_steps", "checkpoint_hash", "field_fingerprint", "batch_shape", "slot", "device",

@@ -3,6 +3,7 @@
 import importlib.util
 import inspect
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.machinery import SOURCE_SUFFIXES, FileFinder, SourceFileLoader
 from pathlib import Path
@@ -53,13 +54,15 @@ class GuidanceClass:
             sys.path.append(str(folder))  # It may import what lies beside it.
         loader = _FromSource(f"guidance_{self.file.stem}", str(self.file))
         spec = importlib.util.spec_from_loader(loader.name, loader)
+        assert spec
         module = importlib.util.module_from_spec(spec)
         sys.modules[spec.name] = module  # Dataclasses look their module up there.
-        spec.loader.exec_module(module)
+        loader.exec_module(module)
         found = getattr(module, self.name, None)
         if not inspect.isclass(found) or not issubclass(found, Guidance):
             raise SettingError(f"{self.file} has no class {self.name} that is a policies.guidance.Guidance.")
-        theirs = found(load_field(field) if field else None, scale, base, seed)
+        made: Callable[..., Guidance] = found
+        theirs = made(load_field(field) if field else None, scale, base, seed)
         return _checked(theirs, f"{self.file}: {self.name}", width)
 
 

@@ -2,7 +2,7 @@
 
 from itertools import cycle
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from richmap.outputs import replacing
 
@@ -23,7 +23,8 @@ def record(rollout: "Rollout", seed: int, file: Path) -> "Episode":
 
     def watch(env: "gymnasium.Env") -> None:
         if next(shown):
-            frames.append(env.render()[::2, ::2])
+            image: Any = env.render()
+            frames.append(image[::2, ::2])
 
     episode = alone(rollout, seed, watch)
     with replacing(file) as path:

@@ -1,6 +1,7 @@
 """Figures of guidance: what each method asks for over the table, and success against its scale."""
 
 import math
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -127,7 +128,7 @@ def method_and_cells(row: "pd.Series") -> str:
     return row.method if math.isnan(row.cell_size) else f"{row.method}, cells {row.cell_size:g} m"
 
 
-def _order(names) -> list[str]:
+def _order(names: Iterable[str]) -> list[str]:
     from policies.methods import METHODS
 
     return [name for name in METHODS if name in set(names)]

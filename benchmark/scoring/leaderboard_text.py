@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from itertools import chain
+from typing import Any
 
 import pandas as pd
 
@@ -224,7 +225,7 @@ def by_policy(table: pd.DataFrame, protocol: Protocol) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def method_text(row) -> str:
+def method_text(row: Any) -> str:
     """A method and what may differ between rows of one method."""
     sampler = "" if row.sampler == "none" else f", {row.sampler}-{row.sampling_steps}"
     cells = "" if pd.isna(row.cell_size) else f", cells {row.cell_size:g} m"

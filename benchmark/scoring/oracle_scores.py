@@ -38,7 +38,7 @@ def with_oracles(table: pd.DataFrame, episodes: pd.DataFrame, task: Task) -> pd.
 
 def _by_arm(played: pd.DataFrame, task: Task) -> dict[tuple, dict[str, float]]:
     """n, first seed and scores with Wilson intervals of an oracle on each arm."""
-    scores = {}
+    scores: dict[tuple, dict[str, float]] = {}
     for key, rows in played.groupby(KEY):
         scores[key] = {"n": len(rows), "first": int(rows.episode_seed.min())}
         for name in task.score_names:

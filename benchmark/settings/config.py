@@ -396,8 +396,8 @@ class EntryConfig:
         check_setting(bool(named), "name", self.name, f"a-z, 0-9, - and _, up to 40, and none of {', '.join(taken)}")
         for name in ("author", "description"):
             value = getattr(self, name)
-            check_setting(value.strip() and value.isprintable(), name, value, "one line of text")
-        check_setting(self.policy or self.guidance, "policy", self.policy, "a folder, unless there is guidance")
+            check_setting(bool(value.strip()) and value.isprintable(), name, value, "one line of text")
+        check_setting(bool(self.policy or self.guidance), "policy", self.policy, "a folder, unless there is guidance")
         form = not self.guidance or re.fullmatch(r".+\.py:\w+", self.guidance)
         check_setting(bool(form), "guidance", self.guidance, "a file and its class, as in guidance.py:MyGuidance")
         check_setting(self.field in ("energy", "feasibility", "none"), "field", self.field, "energy, feasibility, none")
@@ -407,7 +407,7 @@ class EntryConfig:
 def check_targets(robots: list[str]) -> None:
     """Raise `SettingError` unless these are arms that a policy can be transferred to, one or more."""
     targets = [name for name in ROBOTS if name != SOURCE]
-    for name in robots or [None]:
+    for name in robots or ["[]"]:
         check_setting(name in targets, "robots", name, ", ".join(targets))
 
 

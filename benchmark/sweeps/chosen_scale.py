@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from benchmark.rollouts.rollout import Rollout
+    from envs.task import Task
 
 
 def rollouts_of(config: RunConfig, console: "Console") -> "list[Rollout]":
@@ -25,7 +26,7 @@ def rollouts_of(config: RunConfig, console: "Console") -> "list[Rollout]":
 
     config = with_scale(config)
     checkpoint = chosen_checkpoint(config)
-    return [make_rollout(config, scale, checkpoint, console) for scale in sorted({0.0, config.guidance_scale})]
+    return [make_rollout(config, scale, checkpoint, console) for scale in sorted({0.0, config.guidance_scale or 0.0})]
 
 
 def note_on_tuning(config: RunConfig) -> str:
@@ -87,7 +88,8 @@ def _chosen(folder: Path, task: "Task") -> dict[tuple, dict[str, float]]:
     episodes = read_methods(folder, range(50_000, 60_000))
     if episodes.empty:
         return {}
-    table, chosen = scale_table(episodes, task), {}
+    table = scale_table(episodes, task)
+    chosen: dict[tuple, dict[str, float]] = {}
     for row in table[table.chosen].to_dict("records"):
         of_method = chosen.setdefault(tuple(row[name] for name in [*CHOSEN_FOR, "method"]), {})
         of_method[row["field_fingerprint"]] = row["lambda"]

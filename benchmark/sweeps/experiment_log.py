@@ -5,7 +5,7 @@ description: from its settings `benchmark.build_maps` builds the same file again
 """
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
@@ -42,7 +42,7 @@ def _log_field(
 
     from benchmark.artifacts.maps import compared_maps
 
-    maps = ()
+    maps: Sequence[ReachabilityMap] = ()
     if kind == "energy":
         maps = compared_maps(arm.description.turned(arm.yaw), arm.base, of_map, workers, Console(quiet=True))
     about = {"field": kind, "robot": arm.robot, "base": arm.base, "map": asdict(of_map)}

@@ -72,7 +72,7 @@ class ScalesConfig:
     energy: EnergyConfig = field(default_factory=EnergyConfig)
 
     def __post_init__(self) -> None:
-        for name in self.methods or [None]:
+        for name in self.methods or ["[]"]:
             check_setting(name in GUIDED, "methods", name, ", ".join(GUIDED))
         check_setting(1 <= self.points <= 16, "points", self.points, "a whole number from 1 to 16")
         check_setting(bool(self.seeds), "seeds", self.seeds, "one or more whole numbers")

@@ -124,7 +124,7 @@ def around_blocks(
     oracle: Oracle, label: Float[np.ndarray, "2"], observation: Float[np.ndarray, "16"]
 ) -> Float[np.ndarray, "2"]:
     """The oracle's step, led around the blocks that it would run into: its own ways are straight and blind."""
-    if oracle.phase not in ("pre_block", "return", "origin"):
+    if oracle.phase not in ("pre_block", "return", "origin") or oracle.goal is None:
         return label
     return detour(label, observation[AT["commanded"]], oracle.goal, observation[BLOCKS].reshape(2, 3)[:, :2])
 

@@ -39,7 +39,7 @@ def _simulate_chunk(config: CollectConfig, seeds: range, chunks: Path) -> None:
     path = _chunk_path(chunks, seeds)
     partial = path.with_suffix(f".{os.getpid()}.tmp")
     with open(partial, "wb") as file:
-        np.savez(file, **pack(episodes))
+        np.savez(file, allow_pickle=True, **pack(episodes))
     os.replace(partial, path)
 
 

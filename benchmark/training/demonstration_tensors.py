@@ -64,9 +64,12 @@ def load_demonstrations(root: Path) -> DemonstrationTensors:
     episodes = dataset.meta.episodes
     starts = torch.tensor(episodes["dataset_from_index"])
     ends = torch.tensor(episodes["dataset_to_index"])
+    state, environment, action = (torch.from_numpy(columns[key][:]) for key in (OBS_STATE, OBS_ENV_STATE, ACTION))
     return DemonstrationTensors(
         dataset.meta,
-        *(torch.from_numpy(columns[key][:]) for key in (OBS_STATE, OBS_ENV_STATE, ACTION)),
+        state,
+        environment,
+        action,
         starts.repeat_interleave(ends - starts),
         (ends - 1).repeat_interleave(ends - starts),
         dict(Counter(columns["kind"][starts.numpy()].tolist())),

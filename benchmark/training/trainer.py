@@ -160,7 +160,7 @@ def _optimise(
     state = last_state(config.states)
     first = load_state(state, policy, optimizer, scheduler) if state else 0
     curve = pd.read_csv(state / CURVE, float_precision="round_trip").to_dict("records") if state else []
-    if first in config.checkpoints:  # Killed just before it was published, perhaps.
+    if state and first in config.checkpoints:  # Killed just before it was published, perhaps.
         _publish(state, first, config, pipeline, demonstrations)
     accelerator, tracker = _accelerator(config), _tracker(config, demonstrations)
     if state:

@@ -50,7 +50,7 @@ def register_arm(robot: RobotDescription, visual: bool) -> str:
         default_gripper = {"right": "Pusher"}
         default_controller_config = {"right": "default"}
         init_qpos = np.zeros(len(robot.joints))
-        base_xpos_offset = {}
+        base_xpos_offset: dict = {}
         top_offset = np.zeros(3)
         _horizontal_radius = 0.1
         arm_type = "single"
@@ -86,12 +86,12 @@ def _arm_xml(robot: RobotDescription, visual: bool) -> str:
         base.append(link)
     ET.SubElement(links[0], "site", name="right_center", rgba="0 0 0 0")
     actuators = ET.SubElement(root, "actuator")
-    for joint in robot.joints:
+    for name in robot.joints:
         ET.SubElement(
             actuators,
             "intvelocity",
-            name=f"servo_{joint}",
-            joint=joint,
+            name=f"servo_{name}",
+            joint=name,
             ctrlrange="-100 100",
             actrange="-100 100",
         )

@@ -123,8 +123,8 @@ class AwarePusher:
         series = self._series(block, other, ways)
         if series is None:
             return False
-        self._start, self._heading, length = series
-        self._promised = min(length, PROMISE)
+        self._start, self._heading, promised = series
+        self._promised = min(promised, PROMISE)
         return True
 
     def _best_ends(

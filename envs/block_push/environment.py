@@ -1,7 +1,7 @@
 """The block-push task as a Gymnasium environment."""
 
 import warnings
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import mujoco
@@ -55,7 +55,7 @@ class BlockPushEnv(gymnasium.Env):
         render_mode: None or `rgb_array`.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": CONTROL_FREQUENCY}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": CONTROL_FREQUENCY}
     task = "push-two-blocks"
     task_description = DESCRIPTION
     _max_episode_steps = MAX_EPISODE_STEPS

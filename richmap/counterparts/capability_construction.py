@@ -96,9 +96,12 @@ class QuaternionInserter:
 
     def stored(self) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 4"], UInt[np.ndarray, "n dof"]]:
         """Cell, quaternion and configuration of all that is stored, in order of insertion within each cell."""
-        return tuple(np.concatenate(column) for column in zip(*self._rows, strict=True))
+        cell, quaternion, joints = (np.concatenate(column) for column in zip(*self._rows, strict=True))
+        return cell, quaternion, joints
 
-    def _insert(self, cell, quaternion, joints, squared) -> Bool[np.ndarray, " n"]:
+    def _insert(
+        self, cell: np.ndarray, quaternion: np.ndarray, joints: np.ndarray, squared: np.float32
+    ) -> Bool[np.ndarray, " n"]:
         order = np.argsort(cell, kind="stable")
         order = order[np.searchsorted(cell[order], 0) :]
         self._reserve(self._used + len(order) // PAGE + min(len(order), self.grid.n_cells))

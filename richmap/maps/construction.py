@@ -271,7 +271,9 @@ class _Samplers:
             free, lower, way = queue.popleft().result()
             ahead = i + self._slots - 1
             queue.append(self._pool.submit(_draw, ahead, ahead % self._slots))
-            yield Orbits(*(view[i % self._slots, :free] for view in self._draws), lower, way)
+            joints, *vectors, turns = (view[i % self._slots, :free] for view in self._draws)
+            position, direction, gap_axis = vectors
+            yield Orbits(joints, position, direction, gap_axis, turns, lower, way)
 
 
 def _fields(robot: RobotDescription, construction: Construction) -> list[tuple[np.dtype, int]]:
@@ -287,6 +289,10 @@ def _views(buffers: list, robot: RobotDescription, construction: Construction) -
         np.frombuffer(buffer, dtype).reshape(-1, construction.draw, width)
         for buffer, (dtype, width) in zip(buffers, fields, strict=True)
     ]
+
+
+_sampler: tuple[RobotDescription, Construction, list[np.ndarray]]
+"""What a worker process draws, and where to."""
 
 
 def _start_sampler(robot: RobotDescription, construction: Construction, buffers: list) -> None:

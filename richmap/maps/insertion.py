@@ -206,8 +206,8 @@ class Inserter:
         del keys
         start = np.zeros(self.grid.n_cells + 1, dtype=np.int64)
         np.cumsum(np.bincount(slot // bins, minlength=self.grid.n_cells), out=start[1:])
-        gaps = gaps[order] if tracked else None
-        return start, _decode_rows(order, slot, codes, bins, per_face), joints[order], gaps
+        directions = _decode_rows(order, slot, codes, bins, per_face)
+        return start, directions, joints[order], gaps[order] if tracked else None
 
 
 def _file_of_rows(file: Path, dtype: type, shape: tuple[int, ...]) -> np.memmap:

@@ -163,18 +163,19 @@ class TorchInserter:
         self, cell: Int[np.ndarray, " n"], direction: Float[np.ndarray, "n 3"], joints: Float[np.ndarray, "n dof"]
     ) -> None:
         """Take over what another inserter has `stored` in cells that hold nothing yet; nothing is compared."""
-        cell, direction, joints = (torch.tensor(rows, device=self.device) for rows in (cell, direction, joints))
-        order = torch.argsort(cell, stable=True)
-        self._stored.store(self._stored.open(cell[order]), direction[order].float(), torch.zeros_like(order).int())
-        self._cells.append(cell.long())
-        self._directions.append(direction.float())
-        self._joints.append(joints.float())
+        cells, directions, configurations = (torch.tensor(x, device=self.device) for x in (cell, direction, joints))
+        order = torch.argsort(cells, stable=True)
+        self._stored.store(self._stored.open(cells[order]), directions[order].float(), torch.zeros_like(order).int())
+        self._cells.append(cells.long())
+        self._directions.append(directions.float())
+        self._joints.append(configurations.float())
 
     def stored(self) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n dof"]]:
         """Cell, direction and configuration of all that is stored, in order of insertion."""
         for rows in (self._cells, self._directions, self._joints):
             rows[:] = [torch.cat(rows)]
-        return tuple(rows[0].cpu().numpy() for rows in (self._cells, self._directions, self._joints))
+        cell, direction, joints = (rows[0].cpu().numpy() for rows in (self._cells, self._directions, self._joints))
+        return cell, direction, joints
 
     @property
     def inserted(self) -> int:

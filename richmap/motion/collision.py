@@ -178,6 +178,7 @@ class SelfCollision:
             for shape in robot.shapes[link]:
                 parts.append(shape.triangles().apply_transform((self._axis.inverse() * frame[link]).homogeneous))
         mesh = trimesh.util.concatenate(parts)
+        assert isinstance(mesh, trimesh.Trimesh)
         edge = max(EDGE, mesh.extents.max() / 150)
         points, triangles, parents = trimesh.remesh.subdivide_to_size(
             mesh.vertices, mesh.faces, edge, max_iter=20, return_index=True

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from typing import no_type_check
+from typing import Any, no_type_check
 
 import numba
 import numpy as np
@@ -68,7 +68,7 @@ def free_samples(
     return reached, _configurations(*limits, step, shift, number[reached])
 
 
-def in_chunks(pool: Executor, function: Callable, robot: RobotDescription, *arrays: np.ndarray):
+def in_chunks(pool: Executor, function: Callable, robot: RobotDescription, *arrays: np.ndarray) -> Any:
     """`function(robot, *arrays)`, row by row independent, done in chunks by a pool; joined in order."""
     starts = range(0, len(arrays[0]), CHUNK)
     if len(starts) == 0:

@@ -117,11 +117,11 @@ def solve(
 
 
 @lru_cache
-def _arm(robot: RobotDescription):
+def _arm(robot: RobotDescription) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return joint_frames(robot), robot.lower.astype(np.float64), robot.upper.astype(np.float64)
 
 
-def _as_float64(positions, rotations):
+def _as_float64(positions: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.ascontiguousarray(positions, dtype=np.float64), np.ascontiguousarray(rotations, dtype=np.float64)
 
 

@@ -45,8 +45,8 @@ class Orbits:
         angle = (2 * np.pi / self.turns * turn).astype(np.float32)
         joints = self.joints[of]
         joints[:, 0] = np.where(turn > 0, self.lower + (joints[:, 0] + angle - self.lower) % (2 * np.pi), joints[:, 0])
-        turned = (_rotate_about_z(vectors[of], self.way * angle) for vectors in (self.position, self.direction))
-        return *turned, joints
+        by = self.way * angle
+        return _rotate_about_z(self.position[of], by), _rotate_about_z(self.direction[of], by), joints
 
 
 def sample_workspace(

@@ -127,7 +127,7 @@ def _check_chain(root: ET.Element, path: Path, base: str, end_effector: str) -> 
         ends = joint.find("parent"), joint.find("child")
         if None in ends:
             raise ValueError(f"{path.name}: joint {joint.get('name')!r} lacks a <parent> or <child>.")
-        above, below = (end.get("link") for end in ends)
+        above, below = (end.get("link") or "" for end in ends)
         for link in (above, below):
             if link not in links:
                 raise ValueError(f"{path.name}: joint {joint.get('name')!r} names a link {link!r} that is not there.")

@@ -47,7 +47,7 @@ class RobotDescription:
     @cached_property
     def joints(self) -> tuple[str, ...]:
         """Names of the revolute joints from base to flange."""
-        return tuple(joint.get("name") for joint in self._actuated)
+        return tuple(joint.attrib["name"] for joint in self._actuated)
 
     @cached_property
     def lower(self) -> Float[np.ndarray, " dof"]:

@@ -10,7 +10,10 @@ from richmap.similarity.signed_distance import SignedDistanceField
 
 StoredField = EnergyField | SignedDistanceField
 """What guidance may be made with."""
-FIELDS = {"energy": EnergyField, "feasibility": SignedDistanceField}
+FIELDS: dict[str, type[EnergyField] | type[SignedDistanceField]] = {
+    "energy": EnergyField,
+    "feasibility": SignedDistanceField,
+}
 """By the name that settings and entries have for them."""
 
 
