@@ -105,7 +105,7 @@ def other_branches(arm: PlacedArm, poses: TaskPoses) -> list[PlacedArm]:
     """The same arm in the other branches that its file states."""
     file = _file_of(arm.description)
     names = [name for name in file.branches if name != arm.branch] if file else []
-    alike = {"base": arm.base, "yaw": arm.yaw, "self_collision": arm.self_collision}
+    alike: dict[str, Any] = {"base": arm.base, "yaw": arm.yaw, "self_collision": arm.self_collision}
     alike["orientation_weight"] = arm.orientation_weight
     return [place_arm(arm.description, poses, arm.setting, branch=name, **alike) for name in names]
 
