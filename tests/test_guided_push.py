@@ -1,5 +1,6 @@
 """The policy as LeRobot sees it: sampling, guidance, noise, saving and loading."""
 
+import json
 from functools import partial
 
 import numpy as np
@@ -11,6 +12,7 @@ from lerobot.policies import get_policy_class, make_pre_post_processors
 
 from policies.configuration_guided_push import GuidedPushConfig
 from policies.flange_path import FlangePath
+from policies.guidance import Guidance
 from policies.guidance_methods import Push
 from policies.methods import METHODS
 from policies.modeling_guided_push import GuidedPushPolicy
@@ -300,3 +302,38 @@ def test_lerobot_finds_the_policy_and_its_processors(batch):
     preprocess, postprocess = make_pre_post_processors(config, dataset_stats={"action": {"min": 0, "max": 1}})
     assert torch.equal(preprocess(dict(batch))["observation.state"], batch["observation.state"])
     assert torch.equal(postprocess(torch.ones(1, 2)), torch.ones(1, 2))
+
+
+def test_guidance_is_told_of_new_episodes():
+    """Of all, as LeRobot resets a policy, or of some rows."""
+
+    class Remembers(Guidance):
+        def __init__(self):
+            self.begun = []
+
+        def reset(self, rows):
+            self.begun.append(rows)
+
+    policy = make_policy()
+    policy.guidance = Remembers()
+    policy.reset()
+    policy.reset([2, 5])
+    assert policy.guidance.begun == [None, [2, 5]]
+
+
+def test_a_checkpoint_says_what_its_numbers_are(tmp_path):
+    """And one of before it did is of block push."""
+    make_policy().save_pretrained(tmp_path)
+    file = tmp_path / "config.json"
+    saved = json.loads(file.read_text())
+    assert saved["space"]["steps"]["axes"] == ["x", "y"]
+    assert PreTrainedConfig.from_pretrained(tmp_path).space == BLOCK_PUSH_SPACE
+    del saved["space"]
+    file.write_text(json.dumps(saved))
+    assert PreTrainedConfig.from_pretrained(tmp_path).space == BLOCK_PUSH_SPACE
+
+
+@pytest.mark.parametrize("field", [{"features": "pair"}, {"prediction_type": "sample"}])
+def test_what_our_ablation_rejected_is_not_there_any_more(field):
+    with pytest.raises(ValueError, match="is not there any more: .* served better"):
+        make_policy(**field)
