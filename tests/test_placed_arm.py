@@ -49,7 +49,7 @@ def test_an_arm_on_a_turned_base_reaches_what_turned_with_it():
     again = start_posture(there, there.kinematics(), (c * x - s * y, s * x + c * y, z))
     # The tool looks the same way in the world, so the last joint makes up for the turn.
     assert again[:-1] == pytest.approx(joints[:-1], abs=1e-5)
-    assert (again - joints)[-1] == pytest.approx(-yaw, abs=1e-5)
+    assert (again - joints)[-1] == pytest.approx(yaw, abs=1e-5)  # About an axis that points down.
     assert there.kinematics().flange(again) == pytest.approx([c * x - s * y, s * x + c * y, z], abs=1e-5)
 
 

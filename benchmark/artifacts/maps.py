@@ -126,8 +126,9 @@ def compared_maps(
     """The maps that a field is made of: the source's, and that of a target arm with its base at a point, in [m]."""
     from richmap.robots.robots import load_robot
 
-    source_map = robot_map(load_robot(SOURCE), (0.0, 0.0, 0.0), config, workers, console)
-    same = target.name == SOURCE and not any(base)
+    source = load_robot(SOURCE)
+    source_map = robot_map(source, (0.0, 0.0, 0.0), config, workers, console)
+    same = target == source and not any(base)
     return source_map, source_map if same else robot_map(target, base, config, workers, console)
 
 

@@ -195,7 +195,7 @@ def _add_shape(
         half = float(model.geom_size[geom][1])
         _add_collision(link, pose, "cylinder", radius=size[0], length=repr(2 * half))
         for end in (-half, half) if kind == _GEOM.mjGEOM_CAPSULE else ():
-            _add_collision(link, pose @ _pose([0, 0, end], [1.0, 0.0, 0.0, 0.0]), "sphere", radius=size[0])
+            _add_collision(link, pose @ _pose([0.0, 0.0, end], [1.0, 0.0, 0.0, 0.0]), "sphere", radius=size[0])
     elif model.geom_bodyid[geom] > 0:  # The world's floor is no part of an arm.
         name = _GEOM(kind).name.removeprefix("mjGEOM_").lower()
         raise ValueError(
