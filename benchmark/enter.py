@@ -6,6 +6,7 @@ python -m benchmark.enter entry=their_entry table=their_entry.parquet
 
 import shutil
 import sys
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import chain
@@ -41,7 +42,8 @@ class EnterConfig:
     entry: str = ""
     """Folder of the entry: entry.yaml, and what it names. Its code is run: read it first."""
     table: str = ""
-    """A table of episodes that was sent with the entry: nothing is stored, the table is checked. Empty to evaluate."""
+    """A table of episodes that was sent with the entry, a folder or one Parquet file: nothing is stored, the table is
+    checked. Empty to evaluate."""
     replays: int | None = None
     """With table=: how many of its rows, drawn at random, are rolled out again; null for all of them (6,000 take about
     20 minutes). If all of n come out alike, fewer than 3 / n of the table are edited, at 95 %."""
@@ -55,7 +57,7 @@ class EnterConfig:
     seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
     """Training seeds of the policies that an entry without a policy of its own guides."""
     output_dir: str = "results/entries"
-    """Folder in which a folder of the entry's name gets episodes.parquet and entry.yaml."""
+    """Folder in which a folder of the entry's name gets its episodes and entry.yaml."""
     device: str = "cpu"
     """Where the policy runs: cpu, as those that it is compared with, cuda, or auto (cuda if there is one)."""
     slots: int | None = None
@@ -105,8 +107,8 @@ def main(config: EnterConfig) -> None:
     entry = Entry.load(Path(config.entry))
     ranks = (1,) if config.protocol.best_only else (1, 2, 3)
     checkpoints = entry.checkpoints(config.seeds, ranks)
-    if config.table and not Path(config.table).is_file():
-        raise SettingError(f"table={config.table} is not there. Give a Parquet file of episodes.")
+    if config.table and not Path(config.table).exists():
+        raise SettingError(f"table={config.table} is not there. Give a folder of episodes, or a Parquet file.")
     from rich.console import Console
 
     console = Console()
@@ -123,9 +125,7 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     """Roll out and store what is missing, and print the scores of each arm, setting and policy."""
     import pandas as pd
 
-    from benchmark.episodes.arithmetic import arithmetic
     from benchmark.episodes.table import drop_outdated
-    from benchmark.episodes.trusted_rows import read_trusted
     from benchmark.rollouts.missing_episodes import run_and_store_all
     from benchmark.rollouts.rollout import alone
     from benchmark.scoring.scores import by_condition, with_interval
@@ -139,24 +139,22 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     _check_author(entry, folder)
     with replacing(folder / "entry.yaml") as path:
         shutil.copyfile(entry.folder / "entry.yaml", path)
-    read_trusted(folder / "episodes.parquet")  # Edited rows are not gone on with.
     tables = run_and_store_all(rollouts, run, entry.about.name, console)
     if dropped := drop_outdated(folder, rollouts[0].condition):
-        console.print(f"{dropped} rows of these episodes by other files of the entry or older code are dropped.")
+        console.print(f"{dropped} rows of these episodes, by other files of the entry at this scale, are dropped.")
     for row in (by_condition(table, rollouts[0].task).iloc[0] for table in tables):
         scores = ", ".join(f"{name} {with_interval(row, name)}" for name in rollouts[0].task.score_names)
         console.print(f"{row.robot}, {row.setting}, {row.checkpoint}, n = {row.n}: {scores}", soft_wrap=True)
     made = pd.concat(tables)
-    made = made[made.arithmetic == arithmetic()]  # Those of other machines may differ here.
     some = made.sample(min(ALONE, len(made)), random_state=0)
     again = (alone(rollouts[nearest(row, rollouts)[0]], row["episode_seed"]) for row in some.to_dict("records"))
     if refused := list(otherwise(some, again)):
-        (folder / "episodes.parquet").rename(folder / "refused.parquet")
+        (folder / "episodes").rename(folder / f"refused-{time.time_ns()}")
         raise SettingError(
             f"{refused[0]} An episode has to come out alike when it is run alone: the entry is random by itself, or "
-            f"keeps something from one batch to the next. Its rows are in {folder / 'refused.parquet'}."
+            f"keeps something from one batch to the next. Its rows are in {folder}, under refused-…."
         )
-    console.print(f"Episodes: {folder / 'episodes.parquet'}", soft_wrap=True)
+    console.print(f"Episodes: {folder / 'episodes'}", soft_wrap=True)
 
 
 def _check_author(entry: Entry, folder: Path) -> None:
@@ -173,10 +171,10 @@ def check(config: EnterConfig, rollouts: "Sequence[Rollout]", console: "Console"
     """Say why the table is refused, and end with status 1, or that it is accepted."""
     import numpy as np
 
-    from benchmark.episodes.trusted_rows import read_trusted
+    from benchmark.episodes.checked_rows import read_checked
     from benchmark.rollouts.rollout import roll_out_all
 
-    table = read_trusted(Path(config.table))
+    table = read_checked(Path(config.table), rollouts[0].task)
     assert config.episodes is not None
     refused = list(refusals(table, rollouts, range(FIRST_TEST_SEED, FIRST_TEST_SEED + config.episodes)))
     if not refused:

@@ -24,7 +24,7 @@ class LeaderboardConfig:
     """Whose episodes count: robust (policies that ship and learned from mostly disturbed episodes, and entries) or
     clean (those that learned from undisturbed ones alone). Of a task for which none ship, all policies count."""
     output_dir: str = "results"
-    """Folder below which every episodes.parquet is read, of policies and of oracles. Both files go to it, for clean to
+    """Folder below which every table of episodes is read, of policies and of oracles. Both files go to it, for clean to
     its folder clean, for another task to that's; moving pictures come from the folder figures beside them."""
 
     def __post_init__(self) -> None:
@@ -35,14 +35,14 @@ class LeaderboardConfig:
 def main(config: LeaderboardConfig) -> None:
     """Write LEADERBOARD.md and leaderboard.html from all tables of episodes in `output_dir`."""
     from benchmark.artifacts.known_policies import shipped
-    from benchmark.episodes.trusted_rows import read_all_episodes
+    from benchmark.episodes.checked_rows import read_checked
     from benchmark.scoring.leaderboard_page import page
     from benchmark.scoring.leaderboard_text import markdown
     from benchmark.scoring.oracle_scores import with_oracles
     from benchmark.scoring.ranking import counted, leaderboard, protocols_of
 
     folder, task = Path(config.output_dir), chosen_task(config.task)
-    episodes = read_all_episodes(folder, FIRST_TEST_SEED)
+    episodes = read_checked(folder, task, FIRST_TEST_SEED)
     if config.recipe != USUAL and len(episodes):
         episodes = episodes[episodes.entry_hash == ""]
     tables, ours = {}, shipped(config.recipe, task.name) or {*episodes.get("checkpoint_hash", ())}
@@ -53,7 +53,7 @@ def main(config: LeaderboardConfig) -> None:
     if not tables:
         raise SettingError(
             f"There are no test episodes (seeds from {FIRST_TEST_SEED}) of a protocol that count, in any "
-            f"episodes.parquet under {folder}. Make some: python -m benchmark.run protocol=strict robot=ur3 "
+            f"table of episodes under {folder}. Make some: python -m benchmark.run protocol=strict robot=ur3 "
             f"recipe={config.recipe}"
         )
     board = recipe_folder(folder if config.task == LeaderboardConfig.task else folder / task.name, config.recipe)

@@ -3,16 +3,12 @@
 python -m benchmark.scales robot=ur3 methods=[paper,feasibility]
 """
 
-from typing import TYPE_CHECKING
-
+from benchmark.episodes.arm import alike, base_of
 from benchmark.scoring.scale_table import CHOSEN_FOR, scale_table
 from benchmark.settings.command import run_command
 from benchmark.settings.task import chosen_task
 from benchmark.sweeps.scale_sweep import ScalesConfig, budget, markdown, method_fields, shown, sweep
 from richmap.outputs import replacing
-
-if TYPE_CHECKING:
-    pass
 
 
 def main(config: ScalesConfig) -> None:
@@ -38,9 +34,8 @@ def main(config: ScalesConfig) -> None:
     with replacing(folder / "scales.md") as path:
         path.write_text(markdown(table, task))
 
-    arm = table[(table[CHOSEN_FOR] == [getattr(direct[0].condition, name) for name in CHOSEN_FOR]).all(axis=1)]
-    x, y, _ = map(float, direct[0].condition.base.split())
-    base = x, y
+    arm = alike(table, {name: getattr(direct[0].condition, name) for name in CHOSEN_FOR})
+    base = base_of(direct[0].condition.row())[:2]
     guidances = {
         row.method: METHODS[row.method].make(
             Setup(row["lambda"], fields[row.method][0], base, config.seeds[0], task.space)

@@ -190,7 +190,7 @@ def markdown(table: "pd.DataFrame", config: SourcePoliciesConfig) -> str:
     """All candidates as a document."""
     import numpy as np
 
-    from benchmark.episodes.code_version import code_version
+    from benchmark.artifacts.commit import commit
     from benchmark.scoring.scores import with_interval
     from benchmark.scoring.statistics import rate_interval
 
@@ -205,7 +205,7 @@ def markdown(table: "pd.DataFrame", config: SourcePoliciesConfig) -> str:
         [
             f"# Candidates, recipe `{config.recipe}`",
             "",
-            f"Made by `python -m benchmark.source_policies recipe={config.recipe}`, code version {code_version()}.",
+            f"Made by `python -m benchmark.source_policies recipe={config.recipe}`, commit {commit()}.",
             f"xArm6, setting embodied, validation seeds {config.seed_start} to {last}; percent with 95 % Wilson",
             "intervals. The best of each seed by p2, then score, then length are published under `checkpoint`. Their",
             "figures here are those of a choice, hence too good: test seeds decide.",

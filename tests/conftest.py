@@ -42,16 +42,15 @@ def transfer_episodes():
     """A small table of episodes of both protocols, as the sweep and an entry from outside would store them."""
     import dataclasses
 
-    import pandas as pd
-
-    from benchmark.episodes.table import OPTIONAL, Condition, Episode
+    from benchmark.episodes.arm import arm_columns
+    from benchmark.episodes.episode import Condition, Episode, as_frame
+    from envs.block_push.arm import block_push_arm
     from envs.block_push.outcome import EpisodeOutcome
     from envs.block_push.scene import draw_scene
 
     rng = np.random.default_rng(0)
     about = dict(
-        base="0 0 0", branch="out", orientation_weight=1.0, sampler="DDIM", sampling_steps=10, device="cpu",
-        code_version="v1", commit="c1c1c1c",
+        task="block_push", sampler="DDIM", sampling_steps=10, device="cpu", commit="c1c1c1c", episode_version=1,
     )  # fmt: skip
     nothing = {f.name: 0.0 for f in dataclasses.fields(EpisodeOutcome)}
     causes = ["outer_reach", "pushed_through", "dithering"]
@@ -62,10 +61,10 @@ def transfer_episodes():
         slots = 50 if binds else 10
         for checkpoint in checkpoints:
             condition = Condition(
-                robot=robot, setting=setting, method=method, guidance_scale=scale, checkpoint=checkpoint,
-                self_collision=binds, joint_limits=binds, field_fingerprint="f" * field, entry_hash=entry_hash,
+                **arm_columns(block_push_arm(robot, setting)), method=method, guidance_scale=scale,
+                checkpoint=checkpoint, field_fingerprint="f" * field, entry_hash=entry_hash,
                 cell_size=0.05 if field else float("nan"), training_seed=int(checkpoint[4:6]),
-                checkpoint_hash=f"hash of {checkpoint}", batch_shape=slots, **about,
+                checkpoint_hash=f"hash of {checkpoint}", batch_size=slots, **about,
             )  # fmt: skip
             for seed in seeds:
                 p1, p2 = sorted(rng.random(2) < rate, reverse=True)
@@ -73,7 +72,7 @@ def transfer_episodes():
                 outcome = EpisodeOutcome(**nothing | dict(
                     score=0.49 * p1 + 0.51 * p2, p1=bool(p1), p2=bool(p2), length=length,
                     success_at_end=bool(p2 and rng.random() < 0.9),
-                    mode=draw_scene(seed).mode, path_x=(400,) * length, path_y=(-200,) * length,
+                    mode=draw_scene(seed).mode,
                     first_block=int(rng.integers(2)) if p1 else None, first_entry_s=0.2 if p1 else None,
                     first_target=str(rng.choice(["near", "far"])) if p1 else None,
                     failure_cause=None if p2 else str(rng.choice(causes)), share_near_base=float(rng.random() / 10),
@@ -91,7 +90,7 @@ def transfer_episodes():
                 robot, "embodied", method, scale, rate + 10 * scale * (scale < 1), models, range(100_045, 100_055)
             )
     table += rows("ur3", "embodied", "pull-back", 1.0, 0.7, best, range(100_045, 100_055), "e" * 64)
-    return pd.DataFrame(table).astype(OPTIONAL)
+    return as_frame(table, EpisodeOutcome)
 
 
 @pytest.fixture

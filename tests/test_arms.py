@@ -5,6 +5,9 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
+from benchmark.episodes.parts import parts_in, write_part
+from benchmark.episodes.table import read_episodes
+from benchmark.rollouts import arm_oracle
 from benchmark.settings.config import ORACLES, SETTINGS
 from benchmark.studies import arms
 from benchmark.studies.arms import (
@@ -12,12 +15,11 @@ from benchmark.studies.arms import (
     OracleCondition,
     arm_conditions,
     markdown,
-    missing_chunks,
     rows_of,
-    store,
     table_row,
 )
 from envs.block_push.arm import block_push_arm
+from tests.made_up_episodes import episode
 
 pytestmark = pytest.mark.system
 
@@ -28,10 +30,7 @@ def conditions():
 
 
 def episodes_of(condition, seeds, p2=True):
-    outcome = {"p1": True, "p2": p2, "score": 1.0 if p2 else 0.49, "success_at_end": p2}
-    cause = None if p2 else "outer_reach"
-    rows = [{"episode_seed": seed, **outcome, "failure_cause": cause, "code_version": "abc"} for seed in seeds]
-    return pd.DataFrame(rows).assign(**condition.columns)
+    return pd.DataFrame([episode(seed, p2=p2, condition=condition.player.condition).row() for seed in seeds])
 
 
 def test_every_setting_has_both_oracles(conditions):
@@ -55,29 +54,17 @@ def test_an_arm_that_cannot_start_is_said_so():
     assert row["n"] == "0" and row["failed by cause"] == "cannot hold its tool over the start"
 
 
-def test_what_is_stored_is_not_played_again(conditions):
-    stored = episodes_of(conditions[0], range(50000, 50030))
-    chunks = list(missing_chunks(conditions[:2], stored, range(50000, 50060)))
-    assert [(c.oracle, len(seeds)) for c, seeds in chunks] == [
-        ("plain", 25),
-        ("plain", 5),
-        *[("aware", 25)] * 2,
-        ("aware", 10),
-    ]
-    assert min(chunks[0][1]) == 50030
-
-
 def test_every_episode_of_every_condition_is_played_and_stored_once(tmp_path, monkeypatch):
-    monkeypatch.setattr(arms, "CHUNK", 1)
+    monkeypatch.setattr(arm_oracle, "CHUNK", 1)
     usual = [OracleCondition("", block_push_arm("ur5", setting), "plain") for setting in SETTINGS]
-    config = ArmsConfig(robots=["ur5"], episodes=2, output_dir=str(tmp_path))
-    episodes = arms.play_missing(usual, config, Console(quiet=True))
+    given = [condition.player for condition in usual], range(100_000, 100_002), tmp_path, 2, "Oracles"
+    episodes = pd.concat(arm_oracle.play_missing(*given, Console(quiet=True)))
     for condition in usual:
-        assert rows_of(episodes, condition).episode_seed.tolist() == [100_000, 100_001]
-    stored = pd.read_parquet(tmp_path / "arms" / "oracle_episodes.parquet")
-    assert len(stored) == 6
-    store(tmp_path / "arms" / "oracle_episodes.parquet", stored.drop(index=[1, 4]))  # As if it had been killed.
-    again = arms.play_missing(usual, config, Console(quiet=True))
+        assert sorted(rows_of(episodes, condition).episode_seed) == [100_000, 100_001]
+    (part,) = parts_in(tmp_path)
+    write_part(tmp_path, read_episodes(tmp_path).drop(index=[1, 4]))  # As if it had been killed.
+    part.unlink()
+    again = pd.concat(arm_oracle.play_missing(*given, Console(quiet=True)))
     compared = ["setting", "episode_seed", "length", "p2", "tracking_error_mean"]
     assert len(again) == 6 and len(again.merge(episodes[compared])) == 6
 
@@ -95,7 +82,7 @@ def test_the_table_holds_scores_with_intervals_and_causes(conditions):
     assert row["p2"].startswith("75.0 [30") and row["mean_score"].startswith("87.2") and row["n"] == "4"
     assert row["failed by cause"] == "outer_reach 1"
     text = markdown(episodes, conditions[:1], ArmsConfig(robots=["ur10"]))
-    assert "75.0 [30" in text and "code version\n`abc`" in text.replace("code version `abc`", "code version\n`abc`")
+    assert "75.0 [30" in text and "episode version 1" in text
 
 
 def test_pictures_can_be_drawn():

@@ -160,9 +160,9 @@ def test_impossible_settings_are_refused(fields):
 def test_demonstrations_of_other_code_are_refused(root, config):
     file = root / "meta" / "collect.json"
     about = json.loads(file.read_text())
-    file.write_text(json.dumps({**about, "code": "older"}))
+    file.write_text(json.dumps({**about, "episode_version": 0}))
     try:
-        with pytest.raises(SettingError, match="made otherwise .*'code': 'older'"):
+        with pytest.raises(SettingError, match="made otherwise .*'episode_version': 0"):
             collect(config)
     finally:
         file.write_text(json.dumps(about))

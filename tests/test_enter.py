@@ -18,8 +18,10 @@ from rich.console import Console
 from benchmark import enter
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.enter import EnterConfig
-from benchmark.episodes.table import Episode, read_episodes, row_hash
-from benchmark.episodes.trusted_rows import read_trusted
+from benchmark.episodes.checked_rows import read_checked
+from benchmark.episodes.episode import Episode, as_frame
+from benchmark.episodes.parts import parts_in, write_part
+from benchmark.episodes.table import read_episodes
 from benchmark.rollouts import rollout
 from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.guidance_class import GuidanceClass
@@ -85,13 +87,13 @@ def entered(entry, tmp_path_factory):
 
 
 def test_an_entry_with_a_guidance_class_is_evaluated_and_its_rows_are_accepted(entry, entered, capsys):
-    table = read_trusted(entered / "mine" / "episodes.parquet")
-    assert table.episode_seed.tolist() == SEEDS and table.p2.all()
+    table = read_checked(entered / "mine", BLOCK_PUSH)
+    assert sorted(table.episode_seed) == SEEDS and table.p2.all()
     assert {*table.method} == {"mine"} and {*table.checkpoint} == {"seed42-1"} and (table.cell_size == 0.02).all()
     assert {*table.entry_hash} == {Entry.load(entry).files_hash}
     assert (entered / "mine" / "entry.yaml").read_text() == (entry / "entry.yaml").read_text()
     for replays, some in ((1, 1), (None, 3)):
-        enter.main(settings(entry, entered, table=str(entered / "mine" / "episodes.parquet"), replays=replays))
+        enter.main(settings(entry, entered, table=str(entered / "mine"), replays=replays))
         shown = " ".join(capsys.readouterr().out.split())
         assert f"is accepted: 3 rows, of which {some} replay to the last bit." in shown
 
@@ -99,7 +101,7 @@ def test_an_entry_with_a_guidance_class_is_evaluated_and_its_rows_are_accepted(e
 def test_the_papers_protocol_is_setting_original_with_three_policies_of_a_seed(entry, tmp_path):
     config = settings(entry, tmp_path, settings=["original"], episodes=1, slots=None)
     enter.main(config)
-    rows = read_trusted(tmp_path / "mine" / "episodes.parquet")
+    rows = read_checked(tmp_path / "mine", BLOCK_PUSH)
     assert {*rows.checkpoint} == {"seed42-1", "seed42-2", "seed42-3"} and {*rows.setting} == {"original"}
     assert len(counted(rows, PAPER, set())) == 3 and counted(rows, STRICT, set()).empty
     with pytest.raises(SettingError, match="Allowed: original or embodied, best"):
@@ -109,14 +111,11 @@ def test_the_papers_protocol_is_setting_original_with_three_policies_of_a_seed(e
             settings(entry, tmp_path, **{name: 0})  # Not what null is.
 
 
-def sent(entered, folder, change, sign=True):
-    """A table as somebody might send it, signed anew."""
+def sent(entered, folder, change):
+    """A table as somebody might send it."""
     rows = change(read_episodes(entered / "mine").to_dict("records"))
-    for row in rows if sign else []:
-        row["row_hash"] = row_hash(row)
-    file = folder / "sent.parquet"
-    pd.DataFrame(rows).to_parquet(file)
-    return str(file)
+    part = write_part(folder, as_frame(rows, EpisodeOutcome))
+    return str(part.rename(folder / "sent.parquet"))
 
 
 def edit(number, **values):
@@ -129,20 +128,16 @@ def edit(number, **values):
         (
             edit(1, episode_seed=50_001, slot=50_001 % 3, mode=draw_scene(50_001).mode),
             [
-                r"row 1 \(xarm6, .*, mine 1.0, seed42-1, episode 50001\): its seed is none of the protocol's, 100000",
+                r"row 0 \(xarm6, .*, mine 1.0, seed42-1, episode 50001\): its seed is none of the protocol's, 100000",
                 r"xarm6, embodied, mine 1.0, seed42-1, episode 100001 is missing",
             ],
         ),
-        (edit(2, code_version="0123"), [r"row 2 .*episode 100002\): code_version is 0123, not "]),
+        (edit(2, episode_version=9), [r"row 2 .*episode 100002\): episode_version is 9, not 1"]),
         (
             edit(0, setting="original", self_collision=False, joint_limits=False),
             [r"row 0 .*setting is original, not embodied"],
         ),
         (edit(0, entry_hash="0123"), [r"row 0 .*entry_hash is 0123, not "]),
-        (
-            edit(1, episode_seed=100_000, slot=1, mode=draw_scene(100_000).mode),
-            [r"row 1 .*is there already", r"100001 is missing"],
-        ),
         (lambda rows: rows[1:], [r"episode 100000 is missing"]),
     ],
 )
@@ -155,24 +150,23 @@ def test_rows_that_are_not_the_protocols_are_refused_by_name(entry, entered, tmp
     assert "is refused. Make its rows here: python -m benchmark.enter entry=" in shown
 
 
-def test_a_table_that_does_not_say_how_it_was_rounded_is_refused(entry, entered, tmp_path, capsys):
-    """As rows of before it was asked, which lack the column."""
-
-    def older(rows):
-        return [{name: value for name, value in row.items() if name != "arithmetic"} for row in rows]
-
-    with pytest.raises(SystemExit, match="1"):
-        enter.main(settings(entry, tmp_path, table=sent(entered, tmp_path, older)))
-    assert re.search("Refused: row 0 .*: arithmetic is None, not ", capsys.readouterr().out)
+def test_two_rows_of_one_episode_that_say_different_things_are_refused(entry, entered, tmp_path):
+    file = sent(entered, tmp_path, edit(1, episode_seed=100_000, slot=100_000 % 3, length=99))
+    with pytest.raises(SettingError, match="of one episode .* and say different things"):
+        enter.main(settings(entry, tmp_path, table=file))
 
 
 def test_an_edited_number_is_refused(entry, entered, tmp_path, capsys):
-    edited = edit(1, success_at_end=False)
-    with pytest.raises(SettingError, match=r"row 1 \(.*episode 100001\) is not as it was stored"):
-        enter.main(settings(entry, tmp_path, table=sent(entered, tmp_path, edited, sign=False)))
-    with pytest.raises(SystemExit, match="1"):  # Signed anew, a replay finds it.
-        enter.main(settings(entry, tmp_path, table=sent(entered, tmp_path, edited)))
+    with pytest.raises(SystemExit, match="1"):
+        enter.main(settings(entry, tmp_path, table=sent(entered, tmp_path, edit(1, success_at_end=False))))
     assert re.search("Refused: .*episode 100001, replayed: success_at_end is False, not True", capsys.readouterr().out)
+
+
+def test_a_damaged_table_is_refused(entry, entered, tmp_path):
+    file = Path(sent(entered, tmp_path, lambda rows: rows))
+    file.write_bytes(file.read_bytes()[:-5])
+    with pytest.raises(SettingError, match="sent.parquet is no whole Parquet file"):
+        enter.main(settings(entry, tmp_path, table=str(file)))
 
 
 def test_which_rows_are_replayed_the_entry_does_not_decide(entry, entered, tmp_path, monkeypatch):
@@ -191,20 +185,11 @@ def test_which_rows_are_replayed_the_entry_does_not_decide(entry, entered, tmp_p
     assert len(drawn) == 16 and len({*drawn}) > 1
 
 
-def test_an_edited_row_is_not_gone_on_with(entry, entered, tmp_path):
-    file = sent(entered, tmp_path, edit(1, success_at_end=False), sign=False)
-    (tmp_path / "mine").mkdir()
-    Path(file).rename(tmp_path / "mine" / "episodes.parquet")
-    with pytest.raises(SettingError, match=r"row 1 \(.*episode 100001\) is not as it was stored"):
-        enter.main(settings(entry, tmp_path))
-
-
 def test_a_changed_entry_is_run_again_and_nothing_else(entry, entered, tmp_path, monkeypatch, capsys):
     table, ran = read_episodes(entered / "mine"), []
     names = [each.name for each in fields(EpisodeOutcome)]
     outcomes = {}
     for row in table.to_dict("records"):
-        row |= {"path_x": tuple(row["path_x"].tolist()), "path_y": tuple(row["path_y"].tolist())}
         outcomes[row["episode_seed"]] = EpisodeOutcome(**{n: None if row[n] is pd.NA else row[n] for n in names})
 
     def play(rolled, seeds, watch=None):
@@ -221,15 +206,18 @@ def test_a_changed_entry_is_run_again_and_nothing_else(entry, entered, tmp_path,
     (other / "guidance.py").write_text((other / "guidance.py").read_text() + "# Better.\n")
     enter.main(settings(other, tmp_path))
     assert ran[:3] == SEEDS == sorted(ran[3:])  # and once more, each alone
-    assert "dropped" not in capsys.readouterr().out  # Each row took the place of the one before.
+    assert "3 rows of these episodes, by other files of the entry at this scale, are dropped" in " ".join(
+        capsys.readouterr().out.split()
+    )
     assert {*read_episodes(tmp_path / "mine").entry_hash} == {Entry.load(other).files_hash}
     about = (other / "entry.yaml").read_text()
     (other / "entry.yaml").write_text(about.replace("scale: 1.0", "scale: 2.0"))
     enter.main(settings(other, tmp_path, episodes=2))
-    shown = " ".join(capsys.readouterr().out.split())
-    assert "2 rows of these episodes by other files of the entry or older code are dropped" in shown
-    kept = read_episodes(tmp_path / "mine").set_index("episode_seed")["lambda"]
-    assert kept.to_dict() == dict(zip(SEEDS, (2.0, 2.0, 1.0), strict=True))  # What is not made again stays.
+    assert "dropped" not in capsys.readouterr().out
+    kept = read_episodes(tmp_path / "mine")  # What has another scale stays.
+    assert [*zip(kept["lambda"], kept.episode_seed, strict=True)] == [
+        *((1.0, seed) for seed in SEEDS), *((2.0, seed) for seed in SEEDS[:2]),
+    ]  # fmt: skip
 
 
 def test_an_entry_that_is_random_by_itself_is_refused(tmp_path):
@@ -239,7 +227,7 @@ def test_an_entry_that_is_random_by_itself_is_refused(tmp_path):
     (entry / "guidance.py").write_text("import torch\n" + code.replace("chunk\n", "chunk * torch.rand(1)\n"))
     with pytest.raises(SettingError, match="replayed: .*come out alike when it is run alone"):
         enter.main(settings(entry, tmp_path / "out", robots=["ur3"]))
-    assert {file.name for file in (tmp_path / "out" / "dice").glob("*.parquet")} == {"refused.parquet"}
+    assert parts_in(tmp_path / "out" / "dice") == [] and len([*(tmp_path / "out" / "dice").glob("refused-*/*")]) == 1
 
 
 @pytest.mark.parametrize(
@@ -325,7 +313,7 @@ def test_a_policy_of_lerobots_is_an_entry(untrained, tmp_path):
     entry = write_entry(tmp_path / "theirs", name="theirs", policy="weights", guidance="", scale=0.0)
     shutil.copytree(untrained, entry / "weights")
     enter.main(settings(entry, tmp_path / "out", robots=["ur3"], episodes=1))
-    (row,) = read_trusted(tmp_path / "out" / "theirs" / "episodes.parquet").to_dict("records")
+    (row,) = read_checked(tmp_path / "out" / "theirs", BLOCK_PUSH).to_dict("records")
     assert (row["method"], row["checkpoint"], row["sampler"], row["length"]) == ("theirs", "weights", "DDPM", 350)
 
 
@@ -333,9 +321,9 @@ def test_a_policy_of_our_type_is_an_entry_and_is_left_as_it_is(entry, entered, t
     own = write_entry(tmp_path / "own", name="own", policy="weights", guidance="")
     shutil.copytree(checkpoint_folder(42), own / "weights")
     enter.main(settings(own, tmp_path / "out", episodes=1))
-    (row,) = read_trusted(tmp_path / "out" / "own" / "episodes.parquet").to_dict("records")
+    (row,) = read_checked(tmp_path / "out" / "own", BLOCK_PUSH).to_dict("records")
     same = read_episodes(entered / "mine").iloc[0]  # Which changes nothing either.
-    assert row["checkpoint_hash"] == same.checkpoint_hash and row["path_x"].tolist() == same.path_x.tolist()
+    assert row["checkpoint_hash"] == same.checkpoint_hash and row["tracking_error_mean"] == same.tracking_error_mean
 
 
 def test_a_policy_of_our_type_samples_as_it_was_saved_and_is_not_guided_twice(tmp_path):

@@ -14,7 +14,7 @@ import pytest
 
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.artifacts.wandb_run import log_checkpoint, start_experiment, unharmed
-from benchmark.episodes.table import Condition
+from benchmark.episodes.episode import Condition
 from benchmark.rollouts.rollout import Rollout, alone
 from benchmark.settings.config import RobotConfig, RunConfig, WandbConfig
 from benchmark.sweeps.experiment_log import log_curves, log_evaluation, log_field
@@ -78,7 +78,7 @@ def test_an_evaluation_is_logged_with_its_episodes_and_its_point_on_the_curve(ev
     table = json.loads(file.read_text())
     logged = dict(zip(table["columns"], zip(*table["data"], strict=True), strict=True))
     assert list(logged["episode_seed"]) == list(episodes.episode_seed)
-    assert list(logged["row_hash"]) == list(episodes.row_hash) and not {"path_x", "path_y"} & {*logged}
+    assert list(logged["length"]) == list(episodes.length)
 
 
 def test_artifacts_lead_from_maps_to_evaluation_and_from_a_training(

@@ -10,12 +10,14 @@ import pytest
 
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.episodes.arm import arm_of
-from benchmark.episodes.table import Condition, plain
+from benchmark.episodes.episode import Condition, plain
 from benchmark.rollouts.arm_oracle import ArmOracle, play_chunk
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.rollouts.rollout import Rollout, alone
 from benchmark.settings.config import ORACLE_METHODS
 from envs.block_push.task import BLOCK_PUSH
+
+pytestmark = pytest.mark.system
 
 FOLDER = Path(__file__).parent / "golden"
 STORED = json.loads((FOLDER / "episodes.json").read_text())
@@ -60,7 +62,7 @@ def played(condition: dict, seed: int):
     rollout = Rollout(
         BLOCK_PUSH,
         arm_of(condition),
-        Condition(guidance_scale=condition["lambda"], **{k: v for k, v in condition.items() if k != "lambda"}),
+        Condition.of(condition),
         checkpoint_folder(int(condition["checkpoint"][4:6])),
         FOLDER / "fields" / f"{field[:16]}.safetensors" if field else None,
         GuidanceClass(HAND_OVER, "HandOver") if condition["method"] == "hand-over" else None,

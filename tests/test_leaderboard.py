@@ -13,7 +13,8 @@ from omegaconf import OmegaConf
 from benchmark.artifacts import known_policies
 from benchmark.artifacts.known_policies import shipped
 from benchmark.episodes.arm import ARM, setting_text
-from benchmark.episodes.table import read_episodes
+from benchmark.episodes.parts import write_part
+from benchmark.episodes.table import read_episodes, read_tables
 from benchmark.leaderboard import LeaderboardConfig, main
 from benchmark.scoring import leaderboard_text, oracle_scores, ranking
 from benchmark.scoring.leaderboard_text import beside_the_paper
@@ -22,6 +23,7 @@ from benchmark.scoring.statistics import holm, paired_p_value
 from benchmark.settings.command import CONF, SettingError
 from benchmark.settings.config import FIRST_TEST_SEED, PAPER_ARMS, RunConfig
 from benchmark.settings.recipe import RECIPES, USUAL, recipe_folder
+from envs.block_push.arm import block_push_arm
 from envs.block_push.task import BLOCK_PUSH
 
 pytestmark = pytest.mark.system
@@ -129,8 +131,8 @@ def test_tables_by_name_and_scale_have_policies_as_they_usually_sample_by_one_ve
     kept = as_usual(pd.concat([transfer_episodes, otherwise, on_gpu]))
     assert len(kept) == len(transfer_episodes) + 1
     assert capsys.readouterr().out.startswith("3 episodes of policies that sample otherwise than usual, or on a GPU,")
-    with pytest.raises(SettingError, match="by several versions of the code: v1, v2"):
-        as_usual(pd.concat([transfer_episodes, transfer_episodes[:1].assign(code_version="v2")]))
+    with pytest.raises(SettingError, match="of several versions: 1, 2"):
+        as_usual(pd.concat([transfer_episodes, transfer_episodes[:1].assign(episode_version=2)]))
     assert as_usual(pd.DataFrame()).empty
 
 
@@ -159,7 +161,7 @@ def test_an_oracle_belongs_to_an_arm_only_if_it_stood_alike(transfer_episodes, b
     assert table.reference.isna().all() and table.ceiling["ur5"].isna().all()
     assert {x["p2"] for x in table.ceiling["ur3"]} == {policy.p2.mean()}
     assert {x["n"] for x in table.ceiling["ur3"]} == {len(policy)}
-    for otherwise in ({"base": "0.1 0 0"}, {"orientation_weight": 0.01}, {"code_version": "older"}):
+    for otherwise in ({"base_x": 0.1}, {"orientation_weight": 0.01}, {"episode_version": 0}):
         assert with_oracles(boards[STRICT], ceiling.assign(**otherwise)).ceiling.isna().all(), otherwise
 
 
@@ -173,7 +175,7 @@ def test_an_oracle_is_no_method_that_is_ranked(transfer_episodes):
 
 def test_other_batches_and_other_peoples_policies_do_not_count(transfer_episodes):
     """The main job's rows, and those of a policy of one's own, lie in the same folder."""
-    main_job = transfer_episodes.assign(batch_shape=10).query("setting == 'embodied'")
+    main_job = transfer_episodes.assign(batch_size=10).query("setting == 'embodied'")
     trained_here = transfer_episodes.query("entry_hash == ''").assign(checkpoint_hash="another")
     for protocol in PROTOCOLS:
         of_protocol = counted(transfer_episodes, protocol, OURS)
@@ -257,11 +259,9 @@ def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(transf
         "transfer/ur3": transfer_episodes[~entry],
         "entries/pull-back": transfer_episodes[entry],
     }.items():
-        (tmp_path / folder).mkdir(parents=True)
-        rows.to_parquet(tmp_path / folder / "episodes.parquet")
-    older = transfer_episodes.query("episode_seed < 100_000").drop(columns="row_hash")
-    (tmp_path / "validation").mkdir()
-    older.to_parquet(tmp_path / "validation" / "episodes.parquet")  # Not signed, but not published either.
+        write_part(tmp_path / folder, rows)
+    earlier = transfer_episodes.query("episode_seed < 100_000")
+    write_part(tmp_path / "validation", earlier.assign(length=999))  # It cannot be, but is not published either.
     main(config)
     text = (tmp_path / "LEADERBOARD.md").read_text()
     assert "pull-back (entry)" in text and "## Protocol `paper`" in text and "## Protocol `strict`" in text
@@ -297,9 +297,9 @@ def test_nine_policies_ship_and_rows_of_them_are_stored(recipe):
 @pytest.mark.parametrize(
     "changed, shown",
     [
-        ({"setting": "best", "base": "0.06 -0.12 0"}, "### ur3, best\n"),
-        ({"setting": "best", "base": "0.1 0 0"}, "### ur3, best, base 0.1 0 0 m\n"),
-        ({"branch": "in"}, "### ur3, embodied, wrist in\n"),
+        ({"setting": "best", "base_x": 0.06, "base_y": -0.12}, "### ur3, best\n"),
+        ({"setting": "best", "base_x": 0.1}, "### ur3, best, base 0.1 0 0 m\n"),
+        ({"posture": block_push_arm("ur3", branch="wrist_in").posture}, "### ur3, embodied, wrist in\n"),
         ({"orientation_weight": 0.01}, "### ur3, embodied, orientation weight 0.01\n"),
     ],
 )
@@ -307,8 +307,10 @@ def test_an_arm_that_stands_or_holds_its_tool_otherwise_is_held_against_the_usua
     transfer_episodes, changed, shown
 ):
     rows = transfer_episodes.query("robot == 'ur3' and setting == 'embodied' and method == 'direct'")
-    table = leaderboard(counted(pd.concat([transfer_episodes, rows.assign(**changed, p2=True)]), STRICT, OURS), STRICT)
-    (moved,) = (row for _, row in table.iterrows() if (row[[*changed]] == pd.Series(changed)).all())
+    otherwise = rows.assign(**{name: [value] * len(rows) for name, value in changed.items()}, p2=True)
+    table = leaderboard(counted(pd.concat([transfer_episodes, otherwise]), STRICT, OURS), STRICT)
+    ur3 = table[table.robot == "ur3"]
+    (moved,) = (row for _, row in ur3.iterrows() if row[[*changed]].to_dict() == changed)
     kept = counted(rows, STRICT, OURS)
     assert moved.p2_arm_difference == pytest.approx(1 - kept.p2.mean())
     assert 0 < moved.p2_arm_p < 1 and table.p2_arm_p.notna().sum() == 1
@@ -330,9 +332,9 @@ def test_what_is_published_is_what_the_published_rows_say(recipe):
     """Counted once more, without the code of the leaderboard but for which rows count."""
     root = Path(__file__).parents[1] / "results"
     about = [*ARM, "method", "lambda", "field_fingerprint"]
-    columns = [*about, "sampler", "sampling_steps", "entry_hash", "code_version"]
-    needed = [*columns, "episode_seed", "batch_shape", "checkpoint", "checkpoint_hash", "p2"]
-    rows = pd.concat([pd.read_parquet(file, columns=needed) for file in sorted(root.rglob("episodes.parquet"))])
+    columns = [*about, "sampler", "sampling_steps", "entry_hash", "episode_version"]
+    needed = [*columns, "episode_seed", "batch_size", "checkpoint", "checkpoint_hash", "p2"]
+    rows = read_tables(root, BLOCK_PUSH.name)[needed]
     if recipe != USUAL:
         rows = rows[rows.entry_hash == ""]
     board = recipe_folder(root, recipe) / "LEADERBOARD.md"

@@ -78,10 +78,10 @@ def test_lerobot_eval_finds_both_plugins_from_anywhere(ur3, monkeypatch):
 def test_rates_are_compared_on_the_same_episodes(ours, tmp_path):
     store_episodes(tmp_path, ours)
     row = ours[0].row()
-    about = {key: row[key] for key in ("checkpoint", "robot", "setting", "checkpoint_hash", "code_version")}
+    about = {key: row[key] for key in ("checkpoint", "robot", "setting", "checkpoint_hash", "episode_version")}
     seeds = range(FIRST - 2, FIRST + 2)  # We have the last two of these, one of them failed.
     theirs = pd.DataFrame({**about, "episode_seed": seeds, "success": True, "sum_reward": 1.0})
-    pd.concat([theirs, theirs.assign(code_version="older")]).to_parquet(tmp_path / "lerobot_eval.parquet")
+    pd.concat([theirs, theirs.assign(episode_version=0)]).to_parquet(tmp_path / "lerobot_eval.parquet")
     (shown,) = compare(tmp_path).to_dict("records")
     assert shown["n"] == 2 and shown["seeds"] == f"{FIRST}-{FIRST + 1}"
     assert shown["lerobot-eval"].startswith("100.0 [") and shown["benchmark.run"].startswith("50.0 [")

@@ -196,7 +196,7 @@ def test_shares_count_steps_not_the_reset():
     outcome = summarize(episode(length=10, flange=lambda step: near if 1 <= step <= 4 else usual))
     assert outcome.share_near_base == outcome.share_rectangle_a == outcome.share_rectangle_b == 0.4
     assert outcome.share_outer_reach == 0.0
-    assert len(outcome.path_x) == 10 and outcome.path_x[0] == round(1000 * near[0])
+    assert outcome.length == 10
 
 
 def test_an_episode_without_steps_is_refused():

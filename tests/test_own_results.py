@@ -3,16 +3,17 @@
 import dataclasses
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from benchmark import show
-from benchmark.episodes.table import OPTIONAL, store_episodes
+from benchmark.episodes.episode import as_frame
+from benchmark.episodes.table import store_episodes
 from benchmark.scoring.own_results import results_text
 from benchmark.scoring.scale_table import scale_table
 from benchmark.scoring.statistics import Crossed, clustered_difference, clustered_mean
 from benchmark.scoring.text_table import text_table
 from benchmark.settings.command import SettingError
+from envs.block_push.outcome import EpisodeOutcome
 from envs.block_push.task import BLOCK_PUSH
 from tests.made_up_episodes import CONDITION, episode
 
@@ -39,7 +40,7 @@ def test_a_folder_of_rows_is_shown_as_counted_by_hand(tmp_path, capsys):
 
 @pytest.mark.parametrize("n", [1, 2, 4])
 def test_few_episodes_give_honest_widths(n):
-    rows = pd.DataFrame([each.row() for each in episodes() if each.episode_seed < n]).astype(OPTIONAL)
+    rows = as_frame([each.row() for each in episodes() if each.episode_seed < n], EpisodeOutcome)
     table = scale_table(rows, BLOCK_PUSH)
     shown = results_text(table, BLOCK_PUSH, 80)
     assert "nan" not in shown and "inf" not in shown

@@ -9,14 +9,20 @@ from rich.console import Console
 
 from benchmark import oracle, replay
 from benchmark.artifacts.known_policies import checkpoint_folder
-from benchmark.episodes.table import COLUMNS, read_episodes, row_hash, store_episodes
-from benchmark.episodes.trusted_rows import read_trusted
+from benchmark.episodes.checked_rows import read_checked
+from benchmark.episodes.episode import as_frame, column_types, row_id
+from benchmark.episodes.parts import write_part
+from benchmark.episodes.table import read_episodes, store_episodes
+from benchmark.rollouts import arm_oracle
 from benchmark.rollouts.field_settings import note_settings
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.rollout import play
+from benchmark.rollouts.row_rollout import row_settings
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import EnergyConfig, MapConfig, OracleConfig, RobotConfig, RunConfig
 from benchmark.settings.replay_config import ReplayConfig
+from envs.block_push.outcome import EpisodeOutcome
+from envs.block_push.task import BLOCK_PUSH
 
 pytestmark = pytest.mark.system
 
@@ -33,12 +39,11 @@ def stored(tmp_path_factory):
 
 
 def changed(stored, folder, number=0, **values):
-    """A table in which a row is another, and signed as such."""
+    """The settings that replay a row of a table in which that row is another."""
     rows = read_episodes(stored).to_dict("records")
     rows[number] |= values
-    rows[number]["row_hash"] = row_hash(rows[number])
-    pd.DataFrame(rows).to_parquet(folder / "episodes.parquet")
-    return ReplayConfig(table=str(folder), number=number)
+    write_part(folder, as_frame(rows, EpisodeOutcome))
+    return ReplayConfig(table=str(folder), row=row_id(rows[number]))
 
 
 def test_a_random_row_replays_alone_to_the_last_bit(stored, capsys):
@@ -46,7 +51,7 @@ def test_a_random_row_replays_alone_to_the_last_bit(stored, capsys):
     shown = capsys.readouterr().out
     assert "towards 0.01" in shown and "differs" not in shown
     same = shown.split("bit-equal: ")[1].strip().split(", ")
-    assert {*same} == COLUMNS - {"commit", "row_hash", "arithmetic"}
+    assert {*same} == column_types(EpisodeOutcome).keys() - {"commit"}
 
 
 def test_of_several_rows_those_whose_pieces_are_not_here_are_named_and_the_others_replayed(stored, tmp_path, capsys):
@@ -57,38 +62,15 @@ def test_of_several_rows_those_whose_pieces_are_not_here_are_named_and_the_other
     assert "1 of 2 rows were not replayed" in shown and "differs" not in shown
 
 
-def test_what_did_not_happen_is_found_though_it_is_signed(stored, tmp_path, capsys):
+def test_what_did_not_happen_is_found(stored, tmp_path, capsys):
     """Also in what the row claims to have been run with."""
-    row = read_episodes(stored).iloc[1]
-    length, path = int(row.length), row.path_x.tolist()
-    edited = [*path[:3], path[3] + 9, *path[4:]]
-    with pytest.raises(SystemExit, match="1"):
-        replay.main(changed(stored, tmp_path, number=1, length=length + 1, training_seed=7, path_x=edited))
-    shown = capsys.readouterr().out
-    assert f"differs: length, stored {length + 1}, replayed {length}" in shown
-    assert f"differs: path_x, from entry 3 on: stored {path[3] + 9}, replayed {path[3]}; {len(path)} and" in shown
-    assert "differs: training_seed, stored 7, replayed 42" in shown and shown.count("differs") == 3
-
-
-def test_an_edited_row_is_named_also_if_it_cannot_be_replayed(stored, tmp_path, capsys):
-    table = read_episodes(stored)
-    for column, value, number in (("training_seed", 7, 0), ("checkpoint_hash", "beef", 1)):
-        edited = table.copy()
-        edited.loc[number, column] = value
-        edited.to_parquet(tmp_path / "episodes.parquet")
-        with pytest.raises(SystemExit, match="1"):
-            replay.main(ReplayConfig(table=str(tmp_path), random=2))
-        assert capsys.readouterr().out.count("edited: its row_hash does not fit") == 1
-
-
-def test_a_row_of_other_code_is_replayed_and_the_code_is_named(stored, tmp_path, capsys):
-    replay.main(changed(stored, tmp_path, code_version="0123"))
-    assert "is of code 0123" in (shown := " ".join(capsys.readouterr().out.split())) and "changed nothing" in shown
-    assert "code_version" not in shown
     length = int(read_episodes(stored).length[1])
     with pytest.raises(SystemExit, match="1"):
-        replay.main(changed(stored, tmp_path, number=1, code_version="0123", length=length + 1))
-    assert "that may be why" in " ".join(capsys.readouterr().out.split())
+        replay.main(changed(stored, tmp_path, number=1, length=length + 1, training_seed=7, episode_version=9))
+    shown = capsys.readouterr().out
+    assert f"differs: length, stored {length + 1}, replayed {length}" in shown
+    assert "differs: training_seed, stored 7, replayed 42" in shown
+    assert "differs: episode_version, stored 9, replayed 1" in shown and shown.count("differs") == 3
 
 
 @pytest.mark.parametrize(
@@ -106,44 +88,27 @@ def test_a_row_whose_pieces_are_not_here_is_refused(stored, tmp_path, values, me
         replay.main(changed(stored, tmp_path, **values))
 
 
-def test_a_row_is_picked_by_hash_or_number_and_has_to_be_there(stored):
+def test_a_row_is_picked_by_its_id_and_has_to_be_there(stored):
     table = read_episodes(stored)
-    for choice in ({"row": table.row_hash[1][:10]}, {"number": 1}):
-        (row,) = replay.chosen_rows(ReplayConfig(table=str(stored / "episodes.parquet"), **choice)).to_dict("records")
-        assert row["row_hash"] == table.row_hash[1]
+    named = row_id(table.iloc[1])
+    for name in (named, named[:10]):
+        for path in (stored, *(stored / "episodes").iterdir()):
+            (row,) = replay.chosen_rows(ReplayConfig(table=str(path), row=name)).to_dict("records")
+            assert row["episode_seed"] == table.episode_seed[1]
     with pytest.raises(SettingError, match="has no row 0123456789: it has 2 rows, such as row="):
         replay.chosen_rows(ReplayConfig(table=str(stored), row="0123456789"))
-    with pytest.raises(SettingError, match="Allowed: exactly one of row=<row_hash>, number=<row> and random=<rows>"):
-        replay.chosen_rows(ReplayConfig(table=str(stored), random=2, number=1))
-    with pytest.raises(SettingError, match="has no episodes whose rows have a row_hash"):
-        replay.chosen_rows(ReplayConfig(table=str(stored / "nowhere"), number=1))
-
-
-@pytest.mark.parametrize("how, said", [(None, "before rows said how"), ("0badf00d", "arithmetic=0badf00d, here ")])
-def test_of_a_row_that_was_rounded_otherwise_it_is_said(stored, tmp_path, capsys, how, said):
-    with pytest.raises(SystemExit, match="1"):
-        replay.main(changed(stored, tmp_path, number=1, tracking_error_mean=0.0, arithmetic=how))
-    assert said in " ".join(capsys.readouterr().out.split())
-
-
-def test_only_rows_that_were_rounded_as_here_are_drawn(stored, tmp_path, capsys):
-    changed(stored, tmp_path, number=0, arithmetic="0badf00d")
-    rows = replay.chosen_rows(ReplayConfig(table=str(tmp_path), random=5))
-    assert rows.episode_seed.tolist() == [50_001]
-    assert "Drawn from the 1 of 2 rows that were rounded as here" in capsys.readouterr().out
-    read_episodes(tmp_path)[:1].to_parquet(tmp_path / "episodes.parquet")
-    for table in (tmp_path / "episodes.parquet", tmp_path / "older.parquet"):
-        read_episodes(tmp_path).drop(columns="arithmetic").to_parquet(tmp_path / "older.parquet")
-        with pytest.raises(SettingError, match="has no row that was rounded as here .* its 1 rows all the same: row="):
-            replay.chosen_rows(ReplayConfig(table=str(table), random=1))
+    with pytest.raises(SettingError, match="Allowed: either row=<id> or random=<rows>"):
+        replay.chosen_rows(ReplayConfig(table=str(stored), random=2, row="0123456789"))
+    with pytest.raises(SettingError, match="has no episodes. Make some"):
+        replay.chosen_rows(ReplayConfig(table=str(stored / "nowhere"), random=1))
 
 
 def test_an_oracles_row_replays_too(tmp_path, capsys):
     config = OracleConfig(RobotConfig("ur3"), oracle="aware", episodes=2, output_dir=str(tmp_path), workers=1)
     oracle.main(config)
-    file = tmp_path / "ur3-embodied" / "episodes.parquet"
-    assert len(read_trusted(file)) == 2
-    replay.main(ReplayConfig(table=str(file), number=1))
+    folder = tmp_path / "ur3-embodied"
+    assert len(read_checked(folder, BLOCK_PUSH)) == 2
+    replay.main(ReplayConfig(table=str(folder), random=1))
     shown = capsys.readouterr().out
     assert "ur3, embodied, aware_oracle" in shown and "bit-equal: " in shown and "differs" not in shown
 
@@ -152,7 +117,7 @@ def test_what_the_oracle_played_is_not_played_again(tmp_path, monkeypatch):
     config = OracleConfig(RobotConfig("ur5"), episodes=2, output_dir=str(tmp_path), workers=1)
     oracle.main(config)
     before = read_episodes(tmp_path / "ur5-embodied")
-    monkeypatch.setattr(oracle, "play_chunk", None)  # Nothing that it could play with.
+    monkeypatch.setattr(arm_oracle, "play_chunk", None)  # Nothing that it could play with.
     oracle.main(config)
     pd.testing.assert_frame_equal(read_episodes(tmp_path / "ur5-embodied"), before)
 
@@ -170,7 +135,9 @@ def test_the_settings_of_a_field_are_found_beside_the_rows(tmp_path):
     rollout = make_rollout(config, 0.5, checkpoint_folder(42), Console(quiet=True))
     note_settings(tmp_path / "guided", [rollout], config)
     row = rollout.condition.row() | {"episode_seed": 1}
-    for table in (tmp_path, tmp_path / "guided", tmp_path / "guided" / "episodes.parquet"):
+    for table in (tmp_path, tmp_path / "guided", tmp_path / "guided" / "episodes" / "part.parquet"):
+        table.parent.mkdir(exist_ok=True)
+        table.touch() if table.suffix else table.mkdir(exist_ok=True)
         assert replay.row_rollout(row, ReplayConfig(table=str(table)), Console(quiet=True)).field == rollout.field
     (noted,) = tmp_path.glob("guided/fields/*.json")
     noted.write_text(noted.read_text().replace('"step": 0.3', '"step": 0.4'))  # Gives another field.
@@ -184,5 +151,5 @@ def test_the_settings_of_a_field_are_found_beside_the_rows(tmp_path):
 def test_the_settings_of_a_row_are_those_that_made_it():
     config = dataclasses.replace(CONFIG, robot=RobotConfig("ur3"), setting="best", sampler="DDPM", sampling_steps=7)
     condition = make_rollout(config, 0.01, checkpoint_folder(42), Console(quiet=True)).condition
-    again = replay.row_settings(condition.row(), ReplayConfig(), guided=True)
+    again = row_settings(condition.row(), ReplayConfig(), guided=True)
     assert make_rollout(again, 0.01, Path(checkpoint_folder(42)), Console(quiet=True)).condition == condition

@@ -2,10 +2,9 @@
 
 import dataclasses
 
-import pandas as pd
-
-from benchmark.episodes.table import OPTIONAL
+from benchmark.episodes.episode import as_frame
 from benchmark.scoring.report import print_report
+from envs.block_push.outcome import EpisodeOutcome
 from envs.block_push.task import BLOCK_PUSH
 from tests.made_up_episodes import CONDITION, episode
 
@@ -14,7 +13,7 @@ def test_the_report_has_scores_causes_and_the_paired_difference(tmp_path, capsys
     guided = dataclasses.replace(CONDITION, method="paper", guidance_scale=0.5)
     placed = {CONDITION: [1, 0, 0, 0, 1, 1, 0, 1, 0, 0], guided: [1, 1, 1, 1, 1, 1, 1, 1, 0, 1]}
     tables = [
-        pd.DataFrame([episode(seed, p2=bool(p2), condition=c).row() for seed, p2 in enumerate(both)]).astype(OPTIONAL)
+        as_frame([episode(seed, p2=bool(p2), condition=c).row() for seed, p2 in enumerate(both)], EpisodeOutcome)
         for c, both in placed.items()
     ]
     print_report(BLOCK_PUSH, tables, tmp_path)

@@ -1,36 +1,68 @@
+"""The table of episodes: parts that are written once, in which an episode counts once."""
+
 import dataclasses
-import json
+import errno
+import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 
-from benchmark.episodes.table import COLUMNS, episodes_of, read_episodes, row_hash, store_episodes
-from benchmark.episodes.trusted_rows import read_all_episodes
+from benchmark.episodes import parts
+from benchmark.episodes.episode import IDENTITY, row_id
+from benchmark.episodes.parts import checksum, merge_parts, parts_in
+from benchmark.episodes.table import drop_outdated, episodes_of, read_episodes, read_tables, store_episodes
 from benchmark.scoring.scores import by_condition, paired
+from benchmark.settings.command import SettingError
 from envs.block_push.task import BLOCK_PUSH
 from tests.made_up_episodes import CONDITION, episode
 
 
-def test_an_episode_stored_twice_is_one_row_and_the_later_one(tmp_path):
-    store_episodes(tmp_path, [episode(1), episode(2, p2=False)])
+def test_an_episode_stored_twice_is_one_row(tmp_path):
+    store_episodes(tmp_path, [episode(1), episode(2)])
     store_episodes(tmp_path, [episode(2), episode(3)])
-    table = read_episodes(tmp_path)
-    assert sorted(table.episode_seed) == [1, 2, 3] and table.p2.all()
+    assert sorted(read_episodes(tmp_path).episode_seed) == [1, 2, 3]
+    store_episodes(tmp_path, [episode(2), episode(3)])
+    assert len(parts_in(tmp_path)) == 2  # The same rows are the same part.
 
 
-def test_other_lambdas_and_code_versions_are_told_apart(tmp_path):
+def test_other_lambdas_and_versions_are_told_apart(tmp_path):
     guided = dataclasses.replace(CONDITION, method="paper", guidance_scale=0.5, field_fingerprint="f", cell_size=0.05)
-    newer = dataclasses.replace(CONDITION, code_version="v2")
+    newer = dataclasses.replace(CONDITION, episode_version=2)
     store_episodes(tmp_path, [episode(1), episode(1, condition=guided)])
     table = read_episodes(tmp_path)
     assert len(episodes_of(table, CONDITION)) == len(episodes_of(table, guided)) == 1
     assert episodes_of(table, newer).empty
     store_episodes(tmp_path, [episode(1, condition=newer)])
     table = read_episodes(tmp_path)
-    assert len(table) == 2 and episodes_of(table, CONDITION).empty
+    assert len(table) == 3 and len(episodes_of(table, CONDITION)) == len(episodes_of(table, newer)) == 1
+
+
+def test_a_row_comes_back_as_it_was_stored(tmp_path):
+    """Also beside rows in which other columns hold nothing."""
+    guided = dataclasses.replace(CONDITION, method="paper", guidance_scale=0.5, field_fingerprint="f", cell_size=0.05)
+    stored = [episode(1), episode(2, p1=False, p2=False), episode(3, condition=guided)]
+    for each in stored:
+        store_episodes(tmp_path, [each])
+    table = read_tables(tmp_path).sort_values("episode_seed")
+    for row, each in zip(table.to_dict("records"), stored, strict=True):
+        expected = each.row()
+        assert row.keys() == expected.keys() and row_id(row) == row_id(expected)
+        for name, value in expected.items():
+            assert row[name] == value or (pd.isna(row[name]) and (value is None or value != value)), name
+            assert value is None or type(row[name]) is type(value), name
+
+
+def test_what_identifies_a_row_is_in_its_id_and_nothing_else():
+    row = episode(1).row()
+    for name in row:
+        assert (row_id(row | {name: "another"}) != row_id(row)) == (name in IDENTITY), name
+    assert row_id(row | {"lambda": 0}) == row_id(row)  # A whole number, whatever its type.
 
 
 STORE = """
@@ -38,18 +70,104 @@ import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from made_up_episodes import episode
+from benchmark.episodes.parts import merge_parts
 from benchmark.episodes.table import store_episodes
-for seed in range(int(sys.argv[3]), int(sys.argv[3]) + 5):
-    store_episodes(Path(sys.argv[2]), [episode(seed)])
+written = []
+for seed in range(int(sys.argv[3]), int(sys.argv[3]) + int(sys.argv[4])):
+    written.append(store_episodes(Path(sys.argv[2]), [episode(seed)]))
+    print(seed, flush=True)
+merge_parts(written)
 """
 
 
+def storing(folder, first, episodes, **kwargs):
+    """A process that stores episodes one by one, and says which it has stored."""
+    command = [sys.executable, "-c", STORE, str(Path(__file__).parent), str(folder), str(first), str(episodes)]
+    return subprocess.Popen(command, **kwargs)
+
+
 def test_two_processes_do_not_write_over_each_other(tmp_path):
-    tests = str(Path(__file__).parent)
-    commands = [[sys.executable, "-c", STORE, tests, str(tmp_path), first] for first in ("0", "100")]
-    running = [subprocess.Popen(command) for command in commands]
-    assert [process.wait(timeout=120) for process in running] == [0, 0]
-    assert len(read_episodes(tmp_path)) == 10
+    running = [storing(tmp_path, first, 5, stdout=subprocess.DEVNULL) for first in (0, 100)]
+    while any(process.poll() is None for process in running):
+        read_episodes(tmp_path)  # While parts come and are merged.
+        time.sleep(0.05)
+    assert [process.returncode for process in running] == [0, 0]
+    assert len(read_episodes(tmp_path)) == 10 and len(parts_in(tmp_path)) == 2
+
+
+def test_what_was_stored_is_there_after_a_kill(tmp_path):
+    process = storing(tmp_path, 0, 10_000, stdout=subprocess.PIPE, text=True)
+    said = [int(process.stdout.readline()) for _ in range(5)]
+    process.send_signal(signal.SIGKILL)
+    said += map(int, process.stdout.read().split())
+    process.wait()
+    process.stdout.close()
+    stored = sorted(read_episodes(tmp_path).episode_seed)
+    assert stored[: len(said)] == said and len(stored) <= len(said) + 1
+
+
+def test_a_full_disk_loses_nothing(tmp_path, monkeypatch):
+    store_episodes(tmp_path, [episode(1)])
+
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        store_episodes(tmp_path, [episode(2)])
+    assert len(read_episodes(tmp_path)) == 1 and len([*(tmp_path / "episodes").iterdir()]) == 1
+
+
+def test_parts_are_merged_into_one(tmp_path):
+    written = [store_episodes(tmp_path, [episode(seed)]) for seed in range(3)]
+    other = store_episodes(tmp_path, [episode(9)])
+    before = read_episodes(tmp_path).sort_values("episode_seed", ignore_index=True)
+    merge_parts(written)
+    assert len(parts_in(tmp_path)) == 2 and other.exists()
+    pd.testing.assert_frame_equal(read_episodes(tmp_path).sort_values("episode_seed", ignore_index=True), before)
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_a_damaged_part_is_refused_in_a_line(tmp_path, named):
+    """By its name, which is its checksum; under another name by what Parquet has of its own."""
+    part = store_episodes(tmp_path, [episode(seed) for seed in range(30)])
+    if not named:
+        part = part.rename(part.with_name("theirs.parquet"))
+    whole = part.read_bytes()
+    assert len(read_tables(part)) == 30 and (checksum(part) == part.stem) == named
+    for damaged in (b"", whole[:100], whole[:-7], whole[::-1], b"\0" * len(whole)):
+        part.write_bytes(damaged)
+        with pytest.raises(SettingError, match="is damaged|is no whole Parquet file") as refused:
+            read_tables(part)
+        assert "\n" not in str(refused.value)
+    for place in range(4, len(whole) - 8, len(whole) // 40):
+        part.write_bytes(whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :])
+        try:
+            table = read_tables(part)
+        except SettingError:
+            continue
+        assert not named and len(table) == 30, place  # In what says who wrote the file, say.
+
+
+def test_a_part_holds_what_it_says_of_each_column(tmp_path):
+    schema = pq.read_schema(store_episodes(tmp_path, [episode(1)]))
+    assert str(schema.field("posture").type).startswith("list") and str(schema.field("first_block").type) == "int64"
+    assert parts.FOLDER == "episodes"
+
+
+def test_rows_by_other_files_of_an_entry_go_where_they_are_replaced_and_only_there(tmp_path):
+    old, new = (
+        dataclasses.replace(CONDITION, method="mine", guidance_scale=0.5, entry_hash=name) for name in ("old", "new")
+    )
+    other_scale = dataclasses.replace(old, guidance_scale=2.0)
+    store_episodes(tmp_path, [episode(1, condition=old), episode(2, condition=old), episode(1, condition=other_scale)])
+    assert drop_outdated(tmp_path, new) == 0
+    store_episodes(tmp_path, [episode(1, condition=new)])
+    assert drop_outdated(tmp_path, new) == 1
+    table = read_episodes(tmp_path)
+    assert sorted(zip(table.entry_hash, table["lambda"], table.episode_seed, strict=True)) == [
+        ("new", 0.5, 1), ("old", 0.5, 2), ("old", 2.0, 1),
+    ]  # fmt: skip
 
 
 def test_the_scores_of_a_condition_are_what_counting_by_hand_gives():
@@ -69,24 +187,10 @@ def test_differences_are_taken_on_the_seeds_that_both_have():
     assert table.p["p2"] == 1.0
 
 
-def test_a_row_keeps_its_hash_on_its_way_through_files(tmp_path):
-    """Also beside rows with other empty columns, beside a column that came later, and as plain values."""
-    guided = dataclasses.replace(CONDITION, method="paper", guidance_scale=0.5, field_fingerprint="f", cell_size=0.05)
-    stored = [episode(100_001), episode(100_002, p2=False), episode(100_003, condition=guided)]
-    for each in stored:
-        store_episodes(tmp_path / "a", [each])
-    table = read_all_episodes(tmp_path)
-    assert set(table) == set(stored[0].row()) == COLUMNS
-    table.assign(later=None).to_parquet(tmp_path / "a" / "episodes.parquet")
-    table = read_all_episodes(tmp_path)
-    assert table.row_hash.tolist() == [each.row()["row_hash"] for each in stored]
-    plain = json.loads(table.to_json(orient="records", double_precision=15))
-    assert [row_hash(row) for row in plain] == table.row_hash.tolist()
-
-
-def test_every_column_counts_in_the_hash():
-    row = episode(100_001).row()
-    for name in set(row) - {"row_hash"}:
-        assert row_hash(row | {name: "edited"}) != row["row_hash"], name
-    assert row_hash(row | {"path_x": [400, 410, 421]}) != row["row_hash"]
-    assert row_hash(row | {"p2": None}) != row["row_hash"]
+def test_no_version_is_made_of_source_text():
+    """A comment changes no row, no field and no map: what reads its own code is not there."""
+    root = Path(__file__).parents[1]
+    for package in ("benchmark/artifacts", "benchmark/episodes", "benchmark/rollouts", "envs", "policies", "richmap"):
+        for file in (root / package).rglob("*.py"):
+            text = file.read_text()
+            assert "getsource" not in text and "ModuleFinder" not in text, file

@@ -134,7 +134,7 @@ def test_the_scale_is_the_one_chosen_on_validation_episodes(tmp_path):
     config.method = "towards"
     with pytest.raises(SettingError, match="no scale of method=towards for ur3, embodied. Choose one: python -m bench"):
         with_scale(config)
-    config.method, config.scales_dir = "projection", scales(tmp_path / "b", replace(condition, code_version="older"))
+    config.method, config.scales_dir = "projection", scales(tmp_path / "b", replace(condition, episode_version=0))
     with pytest.raises(SettingError, match="no scale of method=projection for ur3, embodied. Choose"):
         with_scale(config)
     config.scales_dir = scales(tmp_path / "c", replace(condition, field_fingerprint="of finer cells"))
@@ -228,7 +228,7 @@ def test_a_killed_worker_ends_a_sweep_and_sigterm_ends_its_workers(swept, tmp_pa
         assert running.wait(timeout=60) == status
         time.sleep(2)
         assert not [worker for worker in workers if Path(f"/proc/{worker}").exists()]
-        (tmp_path / "episodes.parquet").unlink(missing_ok=True)
+        shutil.rmtree(tmp_path / "episodes", ignore_errors=True)
     *_, killed, ended = (tmp_path / "log.txt").read_text().splitlines()
     assert "A worker process was killed" in killed and ended.startswith("Interrupted.")
 

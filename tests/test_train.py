@@ -13,7 +13,6 @@ from lerobot.datasets import LeRobotDataset
 from lerobot.policies import make_pre_post_processors
 
 from benchmark.artifacts.alone import alone
-from benchmark.episodes.code_version import code_version
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import WandbConfig
 from benchmark.training.demonstration import Demonstration
@@ -42,7 +41,7 @@ def root(tmp_path_factory):
 
     root = tmp_path_factory.mktemp("demonstrations") / "synthetic"
     write_dataset([episode(0, 8), episode(1, 5)], root, 2)
-    (root / "meta" / "collect.json").write_text(json.dumps({"recipe": CollectConfig().recipe, "code": code_version()}))
+    (root / "meta" / "collect.json").write_text(json.dumps({"recipe": CollectConfig().recipe, "episode_version": 1}))
     return root
 
 

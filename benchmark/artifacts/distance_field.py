@@ -25,12 +25,26 @@ def distance_field(arm: "PlacedArm", console: "Console") -> tuple["SignedDistanc
     Returns:
         The field, in the world frame, and its file in the cache.
     """
-    from benchmark.artifacts.cache import cached, fingerprint
+    from benchmark.artifacts.cache import cached, made_from
     from envs.arm.feasibility import table_feasibility
     from envs.block_push.workspace import HEIGHT
     from richmap.similarity.signed_distance import SignedDistanceField
 
-    key = fingerprint({"arm": arm.numbers(), "box": BOX, "cell_size": CELL_SIZE, "version": VERSION}, [])
+    inputs = {
+        "field": "distance",
+        "robot": arm.robot_fingerprint,
+        "base": [x + 0.0 for x in arm.base],  # No negative zero.
+        "yaw": arm.yaw,
+        "posture": [round(angle, 6) for angle in arm.posture],
+        "bounds": arm.bounds,
+        "self_collision": arm.self_collision,
+        "joint_limits": arm.joint_limits,
+        "orientation_weight": arm.orientation_weight,
+        "box": BOX,
+        "height": HEIGHT,
+        "cell_size": CELL_SIZE,
+    }
+    key = made_from(inputs, VERSION)
 
     def make() -> SignedDistanceField:
         with console.status(f"Where {arm.robot} can hold its tool over the table"):

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from richmap.robots.robot import RobotDescription
     from richmap.similarity.energy import EnergyField
 
+MAP_VERSION = 1
+"""Of maps: raised by hand when the same robot and settings give another one."""
 FIELD_VERSION = 1
 """Of energy fields: raised by hand when the same maps and settings give another one."""
 
@@ -85,20 +87,12 @@ def _key_and_folder(cells: "Grid", asked: "Construction") -> tuple[str, Path]:
     import platformdirs
 
     from benchmark.artifacts.cache import fingerprint
-    from richmap.geometry import direction_blocks, directions, grid, roll
-    from richmap.maps import construction, direction_index, insertion, reachability_map, torch_twin
-    from richmap.motion import bounding_spheres, collision, ground, kinematics, sampling
-    from richmap.robots import robot, shape
 
-    code = [
-        bounding_spheres, collision, construction, direction_blocks, direction_index, directions, grid, ground,
-        insertion, kinematics, reachability_map, robot, roll, sampling, shape, torch_twin,
-    ]  # fmt: skip
     inputs = {"grid": asdict(cells), "construction": asdict(asked)}
-    key = fingerprint(inputs, code)
+    key = fingerprint(inputs, MAP_VERSION)
     for ending in ("stop_rate", "target"):
         del inputs["construction"][ending]
-    folder = f"{asked.robot}-{fingerprint(inputs, code)[:16]}"
+    folder = f"{asked.robot}-{fingerprint(inputs, MAP_VERSION)[:16]}"
     return key, Path(platformdirs.user_cache_dir("richmap"), "builds", folder)
 
 
@@ -145,24 +139,26 @@ def energy_field(
     Returns:
         The field, in the world frame, and its file in the cache.
     """
-    from benchmark.artifacts.cache import cached, fingerprint
+    from benchmark.artifacts.cache import cached, made_from
+    from richmap.robots.robots import load_robot
     from richmap.similarity.energy import EnergyField
     from richmap.similarity.energy_settings import EnergySettings
     from richmap.similarity.similarity import similarity
 
-    source_map, target_map = compared_maps(target, base, map_config, workers, console)
     inputs = {
-        "source": source_map.content_hash,
-        "target": target_map.content_hash,
-        "base": base,
+        "field": "energy",
+        "source": load_robot(SOURCE).fingerprint,
+        "target": target.fingerprint,
+        "base": [x + 0.0 for x in base],  # No negative zero.
+        "map": asdict(map_config) | {"version": MAP_VERSION},
         "energy": asdict(config),
-        "version": FIELD_VERSION,
     }
-    key = fingerprint(inputs, [])
+    key = made_from(inputs, FIELD_VERSION)
     choices = asdict(config)
     scales = choices.pop("scales")
 
     def build() -> EnergyField:
+        source_map, target_map = compared_maps(target, base, map_config, workers, console)
         with console.status(f"Comparing {SOURCE} and {target.name}"):
             grid = similarity(source_map, target_map, base, scales)
             about = {"source": SOURCE, "target": target.name, "fingerprint": key}

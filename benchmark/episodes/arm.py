@@ -1,8 +1,10 @@
-"""The arm that settings describe, checked before anything is rolled out on it."""
+"""The arm that settings describe, checked before anything is rolled out on it; and the columns that tell an arm."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import OracleConfig, RunConfig
@@ -13,9 +15,17 @@ if TYPE_CHECKING:
 
     from envs.arm.placed_arm import PlacedArm
 
+BASE = ["base_x", "base_y", "base_z"]
+"""Columns of the position of an arm's base, in [m]."""
 
-ARM = ["setting", "robot", "base", "branch", "self_collision", "joint_limits", "orientation_weight"]
+ARM = [
+    "setting", "robot", "robot_fingerprint", *BASE, "base_yaw", "posture", "self_collision", "joint_limits",
+    "orientation_weight",
+]  # fmt: skip
 """Columns that tell an arm in tables of episodes."""
+
+DECIMALS = 6
+"""Of postures in rows, in [rad]: one that was found differs in the last bits from processor to processor."""
 
 
 def chosen_arm(config: RunConfig | OracleConfig) -> "PlacedArm":
@@ -36,10 +46,12 @@ def chosen_arm(config: RunConfig | OracleConfig) -> "PlacedArm":
 def arm_columns(arm: "PlacedArm") -> dict[str, Any]:
     """An arm's values of the columns `ARM`."""
     return {
-        "robot": arm.robot,
         "setting": arm.setting,
-        "base": " ".join(f"{x:g}" for x in arm.base),
-        "branch": arm.branch.removeprefix("wrist_"),
+        "robot": arm.robot,
+        "robot_fingerprint": arm.robot_fingerprint,
+        **dict(zip(BASE, arm.base, strict=True)),
+        "base_yaw": arm.yaw,
+        "posture": tuple(round(angle, DECIMALS) for angle in arm.posture),
         "self_collision": arm.self_collision,
         "joint_limits": arm.joint_limits,
         "orientation_weight": arm.orientation_weight,
@@ -52,14 +64,18 @@ def arm_of(row: Mapping[str, Any]) -> "PlacedArm":
     Raises:
         SettingError: If it is none of those that ship.
     """
+    from envs.arm.placed_arm import FOUND
     from envs.block_push.arm import block_push_arm
 
+    branch = branch_of(row)
     try:
         return block_push_arm(
             row["robot"],
             row["setting"],
-            base=tuple(map(float, row["base"].split())),
-            branch=f"wrist_{row['branch']}" if row["branch"] in ("out", "in") else row["branch"],
+            base=base_of(row),
+            yaw=float(row["base_yaw"]),
+            branch=branch,
+            posture=row["posture"] if branch == FOUND else None,
             self_collision=bool(row["self_collision"]),
             orientation_weight=float(row["orientation_weight"]),
         )
@@ -67,32 +83,52 @@ def arm_of(row: Mapping[str, Any]) -> "PlacedArm":
         raise SettingError(f"A row's arm: {error}") from error
 
 
+def base_of(row: Mapping[str, Any]) -> tuple[float, float, float]:
+    """Position of the base of a row's arm, in [m]."""
+    x, y, z = (float(row[name]) for name in BASE)
+    return x, y, z
+
+
+def base_text(row: Mapping[str, Any]) -> str:
+    """The same as a text, in [m]."""
+    return " ".join(f"{x:g}" for x in base_of(row))
+
+
+def branch_of(row: Mapping[str, Any]) -> str:
+    """What the file of a row's arm calls the branch that this posture names; `found` where it states none."""
+    from envs.arm.placed_arm import FOUND
+    from richmap.robots import ROBOTS
+    from richmap.robots.robots import robot_file
+
+    stated = robot_file(row["robot"]).branches if row["robot"] in ROBOTS else {}
+    return next((name for name, branch in stated.items() if branch.posture == tuple(row["posture"])), FOUND)
+
+
+def branch_text(row: Mapping[str, Any]) -> str:
+    """The same for people: wrist out, or branch found."""
+    branch = branch_of(row)
+    return branch.replace("_", " ") if branch.startswith("wrist_") else f"branch {branch}"
+
+
 def setting_text(row: Mapping[str, Any]) -> str:
     """The setting, and what is otherwise than on the setting's arm."""
-    return ", ".join([row["setting"], *changes(row)])
+    return ", ".join([row["setting"], *changes(row, row["setting"])])
 
 
-def changes(row: Mapping[str, Any]) -> list[str]:
-    """What is otherwise than on the setting's arm, a text each."""
-    usual = usual_columns(row["robot"], row["setting"])
-    texts = {
-        "base": f"base {row['base']} m",
-        "branch": f"wrist {row['branch']}" if row["branch"] in ("out", "in") else f"branch {row['branch']}",
-        "self_collision": f"self-collision {'on' if row['self_collision'] else 'off'}",
-        "joint_limits": f"joint limits {'on' if row['joint_limits'] else 'off'}",
-        "orientation_weight": f"orientation weight {row['orientation_weight']:g}",
-    }
-    return [text for name, text in texts.items() if row[name] != usual[name]]
-
-
-def usual_columns(robot: str, setting: str) -> dict[str, object]:
-    """The columns `ARM` of an arm as its setting has it; of one that does not ship, as it has others."""
+def changes(row: Mapping[str, Any], setting: str) -> list[str]:
+    """What is otherwise than on a setting's arm, a text each."""
     from envs.arm.place_arm import usual_choices
 
-    usual = usual_choices(robot, setting)
-    del usual["yaw"]
-    about = {"base": " ".join(f"{x:g}" for x in usual["base"] or ()), "branch": usual["branch"].removeprefix("wrist_")}
-    return usual | about | {"robot": robot, "setting": setting}
+    usual = usual_choices(row["robot"], setting)
+    texts = {
+        f"base {base_text(row)} m": base_of(row) != tuple(usual["base"] or ()),
+        f"yaw {row['base_yaw']:g} rad": row["base_yaw"] != usual["yaw"],
+        branch_text(row): branch_of(row) != usual["branch"],
+        f"self-collision {'on' if row['self_collision'] else 'off'}": row["self_collision"] != usual["self_collision"],
+        f"joint limits {'on' if row['joint_limits'] else 'off'}": row["joint_limits"] != usual["joint_limits"],
+        f"orientation weight {row['orientation_weight']:g}": row["orientation_weight"] != usual["orientation_weight"],
+    }
+    return [text for text, differs in texts.items() if differs]
 
 
 def arm_name(arm: "PlacedArm") -> str:
@@ -102,35 +138,27 @@ def arm_name(arm: "PlacedArm") -> str:
 
 def of_arm(episodes: "pd.DataFrame", arm: "PlacedArm") -> "pd.DataFrame":
     """The rows of an arm that stood and held its tool like this one."""
-    import pandas as pd
-
-    if episodes.empty:
-        return episodes
-    columns = pd.Series(arm_columns(arm))
-    return episodes[(episodes[columns.index] == columns).all(axis=1)]
+    return episodes if episodes.empty else alike(episodes, arm_columns(arm))
 
 
-def stored_arms(episodes: "pd.DataFrame", robots: Sequence[str], settings: Sequence[str]) -> "list[PlacedArm]":
-    """The arms of these robots and settings with episodes of direct transfer and an upright tool, as they stood.
+def usual_rows(episodes: "pd.DataFrame", setting: str) -> "pd.DataFrame":
+    """The rows of arms of a setting with nothing otherwise than there."""
+    rows = episodes[episodes.setting == setting]
+    usual = {arm: not changes(dict(zip(ARM, arm, strict=True)), setting) for arm in {*_arms(rows)}}
+    return rows[np.array([usual[arm] for arm in _arms(rows)], dtype=bool)]
 
-    Robot by robot, setting by setting, and in each the setting's own arm before those with another base or branch.
-    """
-    if episodes.empty:
-        return []
-    rows = episodes[(episodes.method == "direct") & episodes.robot.isin(robots) & episodes.setting.isin(settings)]
-    stored = rows[ARM].drop_duplicates().to_dict("records")
-    usual = [usual_columns(row["robot"], row["setting"]) for row in stored]
-    upright = [
-        (row, row != as_usual)
-        for row, as_usual in zip(stored, usual, strict=True)
-        if row["orientation_weight"] == as_usual["orientation_weight"]
-    ]
-    upright.sort(
-        key=lambda pair: (
-            robots.index(pair[0]["robot"]), settings.index(pair[0]["setting"]), pair[1], setting_text(pair[0]),
-        )
-    )  # fmt: skip
-    return [arm_of(row) for row, _ in upright]
+
+def alike(episodes: "pd.DataFrame", values: Mapping[str, Any]) -> "pd.DataFrame":
+    """The rows that have these values in these columns."""
+    for name, value in values.items():
+        same = [each == value for each in episodes[name]] if name == "posture" else episodes[name] == value
+        episodes = episodes[np.array(same, dtype=bool)]
+    return episodes
+
+
+def _arms(rows: "pd.DataFrame") -> list[tuple[Any, ...]]:
+    """The columns `ARM` of each row."""
+    return [*rows[ARM].itertuples(index=False, name=None)]
 
 
 @cache

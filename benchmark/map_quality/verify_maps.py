@@ -128,7 +128,7 @@ def verify(
     robot: "RobotDescription", verified: VerifiedMap, poses: "dict[str, LabelledPoses]"
 ) -> list[dict[str, object]]:
     """A row for each test set and each kind of label."""
-    from benchmark.episodes.code_version import commit
+    from benchmark.artifacts.commit import commit
     from benchmark.map_quality.labels import LABELS
 
     about = {name: getattr(verified, name) for name in ("cell_size", "inserted", "occupancy", "avg_per_cell", "made")}

@@ -1,8 +1,10 @@
 """The scripted oracles as players on an arm: which arm, which oracle, and what comes out, seed by seed."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import batched
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmark.settings.config import ORACLE_METHODS, SOURCE
@@ -10,9 +12,10 @@ from benchmark.settings.config import ORACLE_METHODS, SOURCE
 if TYPE_CHECKING:
     import gymnasium
     import numpy as np
+    import pandas as pd
     from rich.console import Console
 
-    from benchmark.episodes.table import Condition
+    from benchmark.episodes.episode import Condition
     from envs.arm.placed_arm import PlacedArm
     from envs.task import Controller, Task
 
@@ -31,12 +34,12 @@ class ArmOracle:
         """What its episodes are run with, in the columns of the episodes table: without a policy."""
         import math
 
-        from benchmark.episodes.arithmetic import arithmetic
+        from benchmark.artifacts.commit import commit
         from benchmark.episodes.arm import arm_columns
-        from benchmark.episodes.code_version import code_version, commit
-        from benchmark.episodes.table import Condition
+        from benchmark.episodes.episode import Condition
 
         return Condition(
+            task=self.task.name,
             **arm_columns(self.arm),
             method=ORACLE_METHODS[self.oracle],
             guidance_scale=0.0,
@@ -47,11 +50,10 @@ class ArmOracle:
             checkpoint_hash="",
             field_fingerprint="",
             cell_size=math.nan,
-            batch_shape=1,
+            batch_size=1,
             device="cpu",
-            code_version=code_version(),
             commit=commit(),
-            arithmetic=arithmetic(),
+            episode_version=self.task.episode_version(self.arm.setting),
         )
 
 
@@ -107,3 +109,22 @@ def play_all(chunks: list[tuple[ArmOracle, tuple[int, ...]]], workers: int) -> I
 
 CHUNK = 25
 """Episodes that are played and stored together."""
+
+
+def play_missing(
+    players: Sequence[ArmOracle], seeds: range, folder: Path, workers: int, name: str, console: "Console"
+) -> "list[pd.DataFrame]":
+    """Rows of each player's episodes in a folder's table: the stored ones, and the rest played and stored a few at a
+    time."""
+    from benchmark.episodes.episode import Episode
+    from benchmark.rollouts.missing_episodes import run_missing
+
+    conditions = [player.condition for player in players]
+
+    def run(missing: list[list[int]]) -> Iterator[list[Episode]]:
+        chunks = [(i, part) for i, asked in enumerate(missing) for part in batched(asked, CHUNK)]
+        played = play_all([(players[i], part) for i, part in chunks], workers)
+        for (i, part), outcomes in zip(chunks, played, strict=True):
+            yield [Episode(conditions[i], seed, 0, outcome) for seed, outcome in zip(part, outcomes, strict=True)]
+
+    return run_missing(conditions, seeds, lambda _: folder, run, name, console)

@@ -43,8 +43,8 @@ def noted_settings(table: Path, fingerprint: str) -> tuple[MapConfig, EnergyConf
     Raises:
         SettingError: If the file is damaged, or of another version.
     """
-    beside = table.parent / _name(fingerprint)
-    files = sorted(table.rglob(str(_name(fingerprint)))) if table.is_dir() else [beside] * beside.exists()
+    folder = table if table.is_dir() else table.parents[1]  # A part lies in the folder `episodes` of its table.
+    files = sorted(folder.rglob(str(_name(fingerprint))))
     if not files:
         return None
     try:

@@ -3,11 +3,12 @@
 import importlib.util
 import inspect
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.machinery import SOURCE_SUFFIXES, FileFinder, SourceFileLoader
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 from benchmark.settings.command import SettingError
 
@@ -47,17 +48,15 @@ class GuidanceClass:
 
         if not self.file.is_file():
             raise SettingError(f"There is no {self.file}, which should hold the guidance {self.name}.")
-        folder = self.file.parent.resolve()
-        if not any(isinstance(hook, _FinderBelow) and hook.folder == folder for hook in sys.path_hooks):
-            sys.path_hooks.insert(0, _FinderBelow(folder))
-            sys.path_importer_cache.clear()  # Of finders that were there before, for folders of the entry.
-            sys.path.append(str(folder))  # It may import what lies beside it.
-        loader = _FromSource(f"guidance_{self.file.stem}", str(self.file))
-        spec = importlib.util.spec_from_loader(loader.name, loader)
-        assert spec
+        folder = str(self.file.parent.resolve())
+        if folder not in sys.path:
+            sys.path.append(folder)  # It may import what lies beside it.
+        spec = importlib.util.spec_from_file_location(f"guidance_{self.file.stem}", self.file)
+        assert spec and spec.loader
         module = importlib.util.module_from_spec(spec)
         sys.modules[spec.name] = module  # Dataclasses look their module up there.
-        loader.exec_module(module)
+        with _from_source():
+            spec.loader.exec_module(module)
         found = getattr(module, self.name, None)
         if not inspect.isclass(found) or not issubclass(found, Guidance):
             raise SettingError(f"{self.file} has no class {self.name} that is a policies.guidance.Guidance.")
@@ -66,24 +65,16 @@ class GuidanceClass:
         return _checked(theirs, f"{self.file}: {self.name}", width)
 
 
-class _FromSource(SourceFileLoader):
-    """Compiles an entry's files, which are hashed: Python's own beside them are not, and may hold other code."""
-
-    def path_stats(self, path: str) -> NoReturn:
-        """Without which Python neither reads such a file nor writes one."""
-        raise OSError(f"{path} is always compiled.")
-
-
-@dataclass(frozen=True)
-class _FinderBelow:
-    """A path hook by which modules in a folder and below it are found by their source alone."""
-
-    folder: Path
-
-    def __call__(self, path: str) -> FileFinder:
-        if not Path(path).resolve().is_relative_to(self.folder):
-            raise ImportError(f"{path} is no folder of the entry.")
-        return FileFinder(path, (_FromSource, SOURCE_SUFFIXES))
+@contextmanager
+def _from_source() -> Iterator[None]:
+    """Imports compile the files that are there, which are hashed, and read no bytecode beside them."""
+    before = sys.pycache_prefix
+    with TemporaryDirectory() as empty:
+        sys.pycache_prefix = empty
+        try:
+            yield
+        finally:
+            sys.pycache_prefix = before
 
 
 def _checked(theirs: "Guidance", where: str, width: int) -> "Guidance":

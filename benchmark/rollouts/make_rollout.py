@@ -13,7 +13,7 @@ from policies.methods import METHODS
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from benchmark.episodes.table import Condition
+    from benchmark.episodes.episode import Condition
     from benchmark.rollouts.rollout import Rollout
     from envs.arm.placed_arm import PlacedArm
     from richmap.similarity.load_field import StoredField
@@ -39,13 +39,12 @@ def make_condition(
     field: "StoredField | None",
     entry_hash: str = "",
 ) -> "Condition":
-    """What a policy on an arm is run with, with the code and the device of this machine."""
+    """What a policy on an arm is run with, with the device of this machine."""
     import math
 
-    from benchmark.episodes.arithmetic import arithmetic
+    from benchmark.artifacts.commit import commit
     from benchmark.episodes.arm import arm_columns
-    from benchmark.episodes.code_version import code_version, commit
-    from benchmark.episodes.table import Condition
+    from benchmark.episodes.episode import Condition
 
     device = config.device
     if device != "cpu":
@@ -57,9 +56,10 @@ def make_condition(
                 "device=cuda is not available: PyTorch finds no GPU here. Use device=cpu or device=auto."
             )
         device = "cuda" if available else "cpu"
-    source = Checkpoint(checkpoint)
+    source, task = Checkpoint(checkpoint), chosen_task(config.task)
     sampler, steps = (config.sampler, config.sampling_steps) if source.type == GUIDED else source.sampler
     return Condition(
+        task=task.name,
         **arm_columns(arm),
         method=method,
         guidance_scale=scale,
@@ -70,12 +70,11 @@ def make_condition(
         checkpoint_hash=source.policy_hash,
         field_fingerprint=field.about["fingerprint"] if field else "",
         cell_size=field.grid.cell_size if field else math.nan,
-        batch_shape=config.slots,
+        batch_size=config.slots,
         device=device,
-        code_version=code_version(),
         commit=commit(),
+        episode_version=task.episode_version(arm.setting),
         entry_hash=entry_hash,
-        arithmetic=arithmetic(),
     )
 
 

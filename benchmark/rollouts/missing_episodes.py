@@ -1,5 +1,6 @@
 """What is not stored yet is run, and stored as it comes."""
 
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,7 +9,9 @@ import pandas as pd
 from rich.console import Console
 
 from benchmark.artifacts.progress import progress_bar
-from benchmark.episodes.table import Condition, Episode, check_unedited, episodes_of, read_episodes, store_episodes
+from benchmark.episodes.episode import Condition, Episode
+from benchmark.episodes.parts import merge_parts
+from benchmark.episodes.table import episodes_of, read_episodes, store_episodes
 from benchmark.settings.config import RunConfig
 
 if TYPE_CHECKING:
@@ -34,24 +37,24 @@ def run_missing(
         console: Where it is.
 
     Raises:
-        SettingError: If a row that is stored already was edited.
+        SettingError: If a part of a table is damaged.
     """
 
     def stored() -> list[pd.DataFrame]:
         tables = {folder: read_episodes(folder) for folder in {folder_of(each) for each in conditions}}
         asked = {folder: t if t.empty else t[t.episode_seed.isin(seeds)] for folder, t in tables.items()}
-        rows = [episodes_of(asked[folder_of(each)], each) for each in conditions]
-        for condition, table in zip(conditions, rows, strict=True):
-            check_unedited(table, folder_of(condition) / "episodes.parquet")
-        return rows
+        return [episodes_of(asked[folder_of(each)], each) for each in conditions]
 
     missing = [sorted({*seeds} - {*table.get("episode_seed", [])}) for table in stored()]
-    total = len(conditions) * len(seeds)
+    total, written = len(conditions) * len(seeds), defaultdict[Path, list[Path]](list)
     with progress_bar(console) as progress:
         task = progress.add_task(name, total=total, completed=total - sum(map(len, missing)))
         for episodes in run(missing):
-            store_episodes(folder_of(episodes[0].condition), episodes)
+            folder = folder_of(episodes[0].condition)
+            written[folder].append(store_episodes(folder, episodes))
             progress.advance(task, len(episodes))
+    for parts in written.values():
+        merge_parts(parts)
     return stored()
 
 

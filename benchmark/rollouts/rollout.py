@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
-from benchmark.episodes.table import Condition, Episode
+from benchmark.episodes.episode import Condition, Episode
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.settings.command import SettingError
 from envs.task import Task
@@ -46,7 +46,7 @@ class Rollout:
 def roll_out(rollout: Rollout, seeds: Iterable[int], workers: int) -> Iterator[list[Episode]]:
     """Run an episode for each seed, batch by batch in worker processes; gives each batch as it is finished.
 
-    The episode with seed s has row s mod `batch_shape` of batch s div `batch_shape`, whatever else is run. Rows that
+    The episode with seed s has row s mod `batch_size` of batch s div `batch_size`, whatever else is run. Rows that
     are not wanted are padded, so float results do not depend on which episodes share a batch.
     """
     yield from roll_out_all([(rollout, seeds)], workers)
@@ -59,7 +59,7 @@ def roll_out_all(jobs: Iterable[tuple[Rollout, Iterable[int]]], workers: int) ->
     batches: dict[tuple[Rollout, int], list[int]] = {}
     for rollout, seeds in jobs:
         for seed in seeds:
-            batches.setdefault((rollout, seed // rollout.condition.batch_shape), []).append(seed)
+            batches.setdefault((rollout, seed // rollout.condition.batch_size), []).append(seed)
     if not batches:
         return
     workers = min(workers, len(batches))
@@ -81,7 +81,7 @@ def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], No
     """
     import torch
 
-    shape = rollout.condition.batch_shape
+    shape = rollout.condition.batch_size
     seed_of = {seed % shape: seed for seed in seeds}
     policy = load_policy(rollout)
     policy.reset(sorted(seed_of))

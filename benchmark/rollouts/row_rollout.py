@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
 from benchmark.artifacts.known_policies import CHECKPOINTS
+from benchmark.episodes.arm import base_of, branch_of
+from benchmark.episodes.episode import row_name
 from benchmark.rollouts.field_settings import noted_settings
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.settings.command import SettingError
@@ -29,8 +31,6 @@ def row_rollout(row: Mapping[str, Any], config: ReplayConfig, console: "Console"
         SettingError: If a piece is missing.
     """
     import torch
-
-    from benchmark.episodes.table import row_name
 
     if row["device"] == "cuda" and not torch.cuda.is_available():
         raise SettingError(f"{row_name(row)} ran on a GPU, and PyTorch finds none here. Replay it where it ran.")
@@ -58,7 +58,6 @@ def row_entry(row: Mapping[str, Any], folder: str) -> "Entry | None":
     Raises:
         SettingError: If it is not the one in the folder, or the method is neither an entry's nor ours.
     """
-    from benchmark.episodes.table import row_name
     from benchmark.rollouts.entry import Entry
 
     if not row["entry_hash"]:
@@ -82,8 +81,6 @@ def row_checkpoint(row: Mapping[str, Any], policy: str, entry: "Entry | None") -
     Raises:
         SettingError: If its weights are not there.
     """
-    from benchmark.episodes.table import row_name
-
     if policy:
         folders = [Checkpoint.from_path(policy).folder]
     elif entry is not None and entry.about.policy:
@@ -116,8 +113,9 @@ def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> 
     """
     energy = row["method"] in METHODS and METHODS[row["method"]].field == "energy"
     arm = ArmConfig(
-        base=[float(x) for x in row["base"].split()],
-        branch=f"wrist_{row['branch']}" if row["branch"] in ("out", "in") else row["branch"],
+        base=[*base_of(row)],
+        yaw=float(row["base_yaw"]),
+        branch=branch_of(row),
         self_collision=row["self_collision"],
         orientation_weight=row["orientation_weight"],
     )
@@ -130,28 +128,11 @@ def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> 
         robot=RobotConfig(row["robot"]),
         setting=row["setting"],
         arm=arm,
-        slots=row["batch_shape"],
+        slots=row["batch_size"],
         device=row["device"],
         workers=config.workers,
         map=replace(config.map, cell_size=row["cell_size"]) if energy else config.map,
         energy=config.energy,
         **ours,
         **sampler,
-    )
-
-
-def stored_otherwise(row: Mapping[str, Any]) -> str:
-    """What there is to say about how numbers were rounded where a row was stored; empty if as they are here."""
-    from benchmark.episodes.arithmetic import arithmetic
-    from benchmark.episodes.table import plain
-
-    how, here = plain(row.get("arithmetic")), arithmetic()
-    if how == here:
-        return ""
-    if how is None:
-        return "The row was stored before rows said how their machine rounds, which differed between machines."
-    return (
-        f"The row was stored where, or by code by which, numbers are rounded otherwise: arithmetic={how}, here {here}. "
-        "It should be the same on any x86-64 processor with AVX2 unless MKL_CBWR or OPENBLAS_CORETYPE is set, NumPy is "
-        f"loaded before benchmark, or the code is another: the row's is that of commit {row['commit'] or 'unknown'}."
     )

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import pandas as pd
 
-    from benchmark.episodes.table import Episode
+    from benchmark.episodes.episode import Episode
     from benchmark.rollouts.rollout import Rollout
 
 
 def refusals(table: "pd.DataFrame", rollouts: "Sequence[Rollout]", seeds: range) -> Iterator[str]:
     """Why rows are not those of the rollouts on these episode seeds, row by row."""
-    from benchmark.episodes.table import row_name
+    from benchmark.episodes.episode import row_name
 
     found: Counter[tuple[int, int]] = Counter()
     for number, row in enumerate(table.to_dict("records")):
@@ -37,7 +37,7 @@ def refusals(table: "pd.DataFrame", rollouts: "Sequence[Rollout]", seeds: range)
 
 def nearest(row: Mapping[str, Any], rollouts: "Sequence[Rollout]") -> tuple[int, dict[str, tuple[Any, Any]]]:
     """Which rollout a row differs least from, and the columns in which it does: the row's value and the rollout's."""
-    from benchmark.episodes.table import plain
+    from benchmark.episodes.episode import plain
 
     differing = []
     for rollout in rollouts:
@@ -50,15 +50,12 @@ def nearest(row: Mapping[str, Any], rollouts: "Sequence[Rollout]") -> tuple[int,
 def otherwise(rows: "pd.DataFrame", episodes: "Iterable[Episode]") -> Iterator[str]:
     """In which columns rows differ from their episodes, rolled out again."""
     from benchmark.artifacts.progress import progress_bar
-    from benchmark.episodes.table import IDENTITY, differences, plain, row_name
+    from benchmark.episodes.episode import differences, row_id, row_name
 
-    def identity(row: Mapping[str, Any]) -> tuple:
-        return tuple(plain(row[name]) for name in IDENTITY)
-
-    stored = {identity(row): row for row in rows.to_dict("records")}
+    stored = {row_id(row): row for row in rows.to_dict("records")}
     with progress_bar() as progress:
         for episode in progress.track(episodes, total=len(rows), description="Replays"):
-            row = stored[identity(episode.row())]
+            row = stored[row_id(episode.row())]
             differing = differences(row, episode)
             if differing:
                 said = ", ".join(f"{name} is {sent}, not {replayed}" for name, (sent, replayed) in differing.items())

@@ -9,7 +9,7 @@ from richmap.outputs import replacing
 if TYPE_CHECKING:
     import gymnasium
 
-    from benchmark.episodes.table import Episode
+    from benchmark.episodes.episode import Episode
     from benchmark.rollouts.rollout import Rollout
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from markdown_it import MarkdownIt
 
 from benchmark.episodes.arm import setting_text
-from benchmark.scoring.leaderboard_text import PROTOCOL_TEXTS, how_to_read, mechanism_text, rounding_text
+from benchmark.scoring.leaderboard_text import PROTOCOL_TEXTS, how_to_read, mechanism_text
 from benchmark.scoring.published import TABLE_3
 from benchmark.settings.config import PAPER_ARMS
 from benchmark.settings.recipe import RECIPES, USUAL
@@ -41,7 +41,7 @@ def page(task: "Task", tables: "dict[Protocol, pd.DataFrame]", figures: Path, re
         for protocol, table in tables.items()
         for row in json.loads(table.to_json(orient="records", double_precision=6))
     ]
-    versions = sorted({row["code_version"] for row in rows})
+    versions = sorted({row["episode_version"] for row in rows})
     commits = sorted({commit for row in rows for commit in row["commits"]})
     data = {
         "rows": rows,
@@ -53,9 +53,8 @@ def page(task: "Task", tables: "dict[Protocol, pd.DataFrame]", figures: Path, re
         "mechanism": {"order_changed": "order changed"} | {trait.name: trait.title for trait in task.traits},
         "published": {robot: asdict(published) for robot, published in TABLE_3.items()},
         "pictures": pictures(figures),
-        "about": f"{sum(row['n'] for row in rows):,} episodes on test seeds from 100000 on; rounded as "
-        f"{rounding_text(row['rounded_as'] for row in rows)}; code version {', '.join(versions)}; commit "
-        f"{', '.join(commits)}. Policies learned from {RECIPES[recipe]}.",
+        "about": f"{sum(row['n'] for row in rows):,} episodes on test seeds from 100000 on; episode version "
+        f"{', '.join(map(str, versions))}; commit {', '.join(commits)}. Policies learned from {RECIPES[recipe]}.",
     }
     texts = {"how_to_read": how_to_read(task), "mechanism": mechanism_text(task), "task": task.description}
     prose = {name: MarkdownIt().render(text) for name, text in texts.items()}

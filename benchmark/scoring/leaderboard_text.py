@@ -1,13 +1,11 @@
 """The leaderboard as a document."""
 
-from collections import Counter
-from collections.abc import Iterable, Mapping
 from itertools import chain
 from typing import Any
 
 import pandas as pd
 
-from benchmark.episodes.arm import ARM, changes, setting_text
+from benchmark.episodes.arm import ARM, base_text, branch_text, changes, setting_text
 from benchmark.scoring.published import TABLE_3
 from benchmark.scoring.ranking import PAPER, Protocol
 from benchmark.scoring.scores import causes_text, difference_text, with_interval
@@ -45,12 +43,10 @@ HOW_TO_READ = """- **Episodes**: test seeds from 100000 on, by which nothing was
   direct transfer's that it is compared with, and so comes last. *(entry)*: evaluated by `benchmark.enter`. A dash: not
   measured.
 - **What counts**: rows of a protocol's settings, episodes and batches, by policies that ship with the project and
-  learned so, or by entries, which stand beside the usual policies. Other code versions have sections, and Holm
-  families, of their own; those that were shown to give the same episodes, but for how they are rounded, go by one name
-  (`ALIKE` in `benchmark/code_version.py`, which says how it was shown).
-- **Rounded as** which `arithmetic` the last digits were: rows of the present code should replay on any x86-64 processor
-  with AVX2, others by the code of their commit on processors like theirs; rows of before 23 November 2026 do not say.
-  Rows that are rounded otherwise share policy, scene and noise when they are paired, but not the last digits.
+  learned so, or by entries, which stand beside the usual policies. Other episode versions have sections, and
+  Holm families, of their own: a version rises when the same seed comes to give another episode. Rows of version 1 of
+  before 23 November 2026 were rounded otherwise: they share policy, scene and noise when they are paired, but not the
+  last digits.
 """
 
 PROTOCOL_TEXTS = {
@@ -93,7 +89,7 @@ def markdown(task: Task, tables: dict[Protocol, pd.DataFrame], recipe: str = USU
         parts += [f"## Protocol `{protocol.name}`", PROTOCOL_TEXTS[protocol.name]]
         if protocol == PAPER:
             parts += ["### Beside the paper's Table 3", PAPER_TEXT, _text(beside_the_paper(table))]
-        for _, rows in table.groupby([*ARM, "code_version"], sort=False):
+        for _, rows in table.groupby([*ARM, "episode_version"], sort=False):
             first = rows.iloc[0]
             parts += [f"### {first.robot}, {setting_text(first)}", arm_text(rows, task), _text(scores(rows, protocol))]
         if len(moved := between_settings(table, protocol, task)):
@@ -109,21 +105,21 @@ def in_order(table: pd.DataFrame, protocol: Protocol) -> pd.DataFrame:
     """Arm by arm the best method first, or for the paper's protocol along its curve."""
     if protocol != PAPER:
         return table
-    arms = table.groupby([*ARM, "code_version"], sort=False)
+    arms = table.groupby([*ARM, "episode_version"], sort=False)
     return pd.concat([rows.sort_values(["method", "lambda"]) for _, rows in arms])
 
 
 def beside_the_paper(table: pd.DataFrame) -> pd.DataFrame:
     """The paper's success of each arm and ours, direct and guided as the paper guides."""
     rows = []
-    for _, of_arm in table.groupby([*ARM, "code_version"], sort=False):
+    for _, of_arm in table.groupby([*ARM, "episode_version"], sort=False):
         robot = of_arm.robot.iloc[0]
         direct = of_arm[of_arm.method == "direct"]
         guided = of_arm[(of_arm.method == "paper") & (of_arm["lambda"] <= 1)].sort_values("score")
         published = TABLE_3[robot]
         rows.append(
             {
-                "arm": ", ".join([robot, *changes(of_arm.iloc[0])]),
+                "arm": ", ".join([robot, *changes(of_arm.iloc[0], of_arm.setting.iloc[0])]),
                 "direct: paper": _published(published.direct),
                 "direct: ours": ", ".join(_mean_and_range(row) for _, row in direct.iterrows()) or "-",
                 "guided: paper": _published(published.guided),
@@ -146,16 +142,10 @@ def arm_text(rows: pd.DataFrame, task: Task) -> str:
     binding = " and ".join(name for name, binds in may_bind.items() if binds) or "nothing"
     oracles = [f"{role}: {oracle_text(first[role], task.ranking[0])}" for role in ("reference", "ceiling")]
     return (
-        f"Base {first.base} m, wrist {first.branch}, {binding} binding; code {first.code_version}, commit "
-        f"{', '.join(sorted({*chain(*rows.commits)}))}; rounded as {rounding_text(rows.rounded_as)}. "
+        f"Base {base_text(first)} m, {branch_text(first)}, {binding} binding; version {first.episode_version}, "
+        f"commit {', '.join(sorted({*chain(*rows.commits)}))}. "
         f"{task.ranking[0]} of the {'; of the '.join(oracles)}."
     )
-
-
-def rounding_text(counts: Iterable[Mapping[str, int]]) -> str:
-    """How many rows were rounded in which way, the most frequent first."""
-    total = sum(map(Counter, counts), Counter())
-    return ", ".join(f"{arithmetic} ({rows:,})" for arithmetic, rows in total.most_common())
 
 
 def oracle_text(measured: dict | None, score: str) -> str:
@@ -182,7 +172,7 @@ def between_settings(rows: pd.DataFrame, protocol: Protocol, task: Task) -> pd.D
     """What another base, wrist or a leaning tool brings to direct transfer, arm by arm."""
     shown, headline = [], [name for name in task.headline if name in protocol.scores]
     for row in rows.dropna(subset=f"{headline[0]}_arm_difference").to_dict("records"):
-        shown.append({"arm": row["robot"], "setting": setting_text(row), "base": row["base"], "n": row["n"]})
+        shown.append({"arm": row["robot"], "setting": setting_text(row), "base": base_text(row), "n": row["n"]})
         for name in headline:
             shown[-1] |= {
                 name: with_interval(row, name),
@@ -230,7 +220,7 @@ def method_text(row: Any) -> str:
     sampler = "" if row.sampler == "none" else f", {row.sampler}-{row.sampling_steps}"
     cells = "" if pd.isna(row.cell_size) else f", cells {row.cell_size:g} m"
     device = "" if row.device == "cpu" else f", {row.device}"
-    return f"{row.method}{' (entry)' if row.entry else ''}{sampler}, batches of {row.batch_shape}{cells}{device}"
+    return f"{row.method}{' (entry)' if row.entry else ''}{sampler}, batches of {row.batch_size}{cells}{device}"
 
 
 def _method(rows: pd.DataFrame) -> dict[str, list[str]]:

@@ -13,7 +13,7 @@ ROLES = {"reference": "plain", "ceiling": "aware"}
 SEEDS = range(FIRST_TEST_SEED, FIRST_TEST_SEED + max(protocol.episodes for protocol in PROTOCOLS))
 """Episodes of the oracles that count, whatever else was played."""
 
-KEY = [*ARM, "code_version"]
+KEY = [*ARM, "episode_version"]
 """Columns in which an oracle's episodes agree with the policies' that they stand beside."""
 
 
@@ -23,7 +23,7 @@ def with_oracles(table: pd.DataFrame, episodes: pd.DataFrame, task: Task) -> pd.
     Args:
         table: The leaderboard.
         episodes: Rows of all methods. An oracle's arm must be the policy's in all columns that describe it, and the
-            version of the code must be the same. Those of `SEEDS` count.
+            episode version must be the same. Those of `SEEDS` count.
         task: What they are of.
     """
     if episodes.empty:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.episodes.arm import ARM, usual_columns
+from benchmark.episodes.arm import ARM, changes, usual_rows
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import FIRST_TEST_SEED, RunConfig, in_tables
 
@@ -52,9 +52,9 @@ def protocols_of(task: "Task") -> tuple[Protocol, ...]:
     )
 
 
-SAMPLING = ["sampler", "sampling_steps", "batch_shape", "device"]
+SAMPLING = ["sampler", "sampling_steps", "batch_size", "device"]
 GUIDANCE = ["method", "lambda", "field_fingerprint", "cell_size", "entry_hash"]
-"""Columns of the episodes table that rows must share, with those of their arm and their code version, to be counted
+"""Columns of the episodes table that rows must share, with those of their arm and their episode version, to be counted
 together, whatever their policy."""
 
 
@@ -65,7 +65,7 @@ def counted(episodes: "pd.DataFrame", protocol: Protocol, ours: set[str]) -> "pd
         return episodes
     seeds = range(FIRST_TEST_SEED, FIRST_TEST_SEED + protocol.episodes)
     counts = episodes.setting.isin(protocol.settings) & episodes.episode_seed.isin(seeds)
-    counts &= episodes.batch_shape == protocol.slots
+    counts &= episodes.batch_size == protocol.slots
     of_ours = episodes.checkpoint_hash.isin(ours)
     if protocol.best_only:
         of_ours &= ~episodes.checkpoint.str.fullmatch(r"(\w+-)?seed\d+-([2-9]|\d\d+)")
@@ -78,7 +78,7 @@ def as_usual(episodes: "pd.DataFrame") -> "pd.DataFrame":
     How many others there are is printed.
 
     Raises:
-        SettingError: If they are of several versions of the code.
+        SettingError: If they are of several episode versions.
     """
     if episodes.empty:
         return episodes
@@ -86,9 +86,9 @@ def as_usual(episodes: "pd.DataFrame") -> "pd.DataFrame":
     rows = episodes[(usual | (episodes.entry_hash != "")) & (episodes.device == "cpu")]
     if left_out := len(episodes) - len(rows):
         print(f"{left_out} episodes of policies that sample otherwise than usual, or on a GPU, are left out.")
-    if rows.code_version.nunique() > 1:
+    if rows.episode_version.nunique() > 1:
         raise SettingError(
-            f"There are test episodes by several versions of the code: {', '.join(sorted({*rows.code_version}))}. "
+            f"There are test episodes of several versions: {', '.join(map(str, sorted({*rows.episode_version})))}. "
             "Together they would be one method's. Move those of all but one away."
         )
     return rows
@@ -128,7 +128,7 @@ def leaderboard(episodes: "pd.DataFrame", protocol: Protocol, task: "Task") -> "
     rows, ours = [], episodes.checkpoint_hash[episodes.entry_hash == ""].unique()
     traits = {trait.name: trait.of(episodes) for trait in task.traits if trait.of}
     episodes = episodes.assign(**traits, training=_training(episodes))
-    for _, on_arm in episodes.groupby([*ARM, "code_version"]):
+    for _, on_arm in episodes.groupby([*ARM, "episode_version"]):
         for _, group in on_arm.groupby([*GUIDANCE, *SAMPLING], dropna=False):
             foreign = bool(group.entry_hash.iloc[0]) and not group.checkpoint_hash.isin(ours).any()
             direct = _direct(on_arm, group, foreign)
@@ -144,7 +144,7 @@ def leaderboard(episodes: "pd.DataFrame", protocol: Protocol, task: "Task") -> "
 
 
 def adjusted(table: "pd.DataFrame", name: str) -> "pd.Series":
-    """P-values of a column adjusted after Holm for all robots, methods and scales of a setting and version of the code.
+    """P-values of a column adjusted after Holm for all robots, methods and scales of a setting and episode version.
 
     Only complete rows are adjusted and counted, and somebody else's entry in no family but its own, ours and its own:
     what others add changes nobody's figures.
@@ -154,8 +154,8 @@ def adjusted(table: "pd.DataFrame", name: str) -> "pd.Series":
     from benchmark.scoring.statistics import holm
 
     p_values = pd.Series(np.nan, index=table.index)
-    for (*of_setting, entry), rows in table.groupby(["setting", "code_version", "entry_hash"]):
-        alike = (table[["setting", "code_version"]] == of_setting).all(axis=1)
+    for (*of_setting, entry), rows in table.groupby(["setting", "episode_version", "entry_hash"]):
+        alike = (table[["setting", "episode_version"]] == of_setting).all(axis=1)
         family = table[name][alike & table.complete & table.entry_hash.isin(["", entry])]
         p_values.update(pd.Series(holm(family.to_numpy()), family.index).reindex(rows.index))
     return p_values
@@ -182,14 +182,11 @@ def _direct(on_arm: "pd.DataFrame", group: "pd.DataFrame", foreign: bool) -> "pd
 def _to_usual_arm(episodes: "pd.DataFrame", group: "pd.DataFrame", protocol: Protocol) -> dict[str, float]:
     """Difference of direct transfer on an arm that stands or holds its tool otherwise to that on the arm of the setting
     embodied; NaN for all else."""
-    import pandas as pd
-
     from benchmark.scoring.statistics import clustered_difference, sign_flip_p_value
 
-    first, alike = group.iloc[0], ["robot", "method", "code_version", *SAMPLING]
-    usual = pd.Series(usual_columns(first.robot, "embodied"))
-    common = episodes[(episodes[alike] == first[alike]).all(axis=1) & (episodes[usual.index] == usual).all(axis=1)]
-    if (first[usual.index].drop("setting") == usual.drop("setting")).all() or first.method != "direct":
+    first, alike = group.iloc[0], ["robot", "method", "episode_version", *SAMPLING]
+    common = usual_rows(episodes[(episodes[alike] == first[alike]).all(axis=1)], "embodied")
+    if not changes(first, "embodied") or first.method != "direct":
         common = common[:0]
     pairs = group.merge(common, on=["checkpoint_hash", "episode_seed"], suffixes=("", "_common"))
     row: dict[str, float] = {}
@@ -213,13 +210,12 @@ def _row(group: "pd.DataFrame", direct: "pd.DataFrame", protocol: Protocol, task
         raise SettingError(
             f"Two policies go by the name {names.idxmax()} on {first.robot}, {first.setting}, {first.method} "
             f"{first['lambda']:g}: {', '.join(x[:12] for x in group.checkpoint_hash.unique())}. "
-            "Move the episodes.parquet of one of them away."
+            "Move the episodes of one of them away."
         )
-    row = first[[*ARM, *GUIDANCE, *SAMPLING, "code_version"]].to_dict() | {
+    row = first[[*ARM, *GUIDANCE, *SAMPLING, "episode_version"]].to_dict() | {
         "entry": bool(first.entry_hash),
         "commits": sorted(group.commit.unique()),
         "n": len(group),
-        "rounded_as": group.arithmetic.fillna("unknown").value_counts().to_dict(),
         "episodes": group.episode_seed.nunique(),
         "trainings": group.training.nunique(),
         "causes": group.failure_cause.dropna().value_counts().to_dict(),

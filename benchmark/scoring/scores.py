@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from benchmark.episodes.table import CONDITION
+from benchmark.episodes.episode import CONDITION
 from benchmark.scoring.statistics import paired_difference, paired_p_value, rate_interval
 from envs.task import Task
 

@@ -249,7 +249,7 @@ class RunConfig:
     scales_dir: str = "results/scales"
     """With lambda=null: the folder that benchmark.scales wrote its episodes to."""
     output_dir: str = "results"
-    """Folder that results go to, such as episodes.parquet."""
+    """Folder that results go to, such as episodes."""
     device: str = "auto"
     """Where the policy runs: cpu, cuda, or auto (cuda if there is one)."""
     seed_start: int = FIRST_VALIDATION_SEED
@@ -312,7 +312,7 @@ class OracleConfig:
     seed_start: int = FIRST_VALIDATION_SEED
     """Seed of the first episode."""
     output_dir: str = "outputs/oracle"
-    """Folder of <robot>-<setting>/episodes.parquet (with what of the arm is changed, as ur10-embodied-wrist_out)."""
+    """Folder of <robot>-<setting>/episodes (with what of the arm is changed, as ur10-embodied-wrist_out)."""
     workers: int = 2
     """Processes that roll out; results do not depend on it. A whole number >= 1."""
     arm: ArmConfig = field(default_factory=ArmConfig)

@@ -12,15 +12,13 @@ class ReplayConfig:
     """Replays stored rows, each alone, and compares every column to the last bit."""
 
     table: str = "results"
-    """A table of episodes, or a folder: every episodes.parquet under it."""
+    """A folder, of which all tables of episodes are read, or a single part, a Parquet file."""
     task: str = "block_push"
     """What the rows are of (see benchmark.run)."""
     row: str = ""
-    """The row's row_hash, or its first digits, 8 or more."""
-    number: int = -1
-    """The row's number in the table, from 0, instead; -1 for none."""
+    """The row's id, or its first digits, 8 or more."""
     random: int = 0
-    """How many rows instead, drawn at random from those that were rounded as here; a whole number >= 0."""
+    """How many rows instead, drawn at random; a whole number >= 0."""
     seed: int = 0
     """Seed of the draw; a whole number >= 0."""
     policy: str = ""
@@ -33,7 +31,8 @@ class ReplayConfig:
     energy: EnergyConfig = field(default_factory=EnergyConfig)
 
     def __post_init__(self) -> None:
-        check_setting(not self.row or len(self.row) >= 8, "row", self.row, "8 or more digits of a row_hash")
+        check_setting(not self.row or len(self.row) >= 8, "row", self.row, "8 or more digits of a row's id")
+        check_setting(self.random >= 0, "random", self.random, "a whole number >= 0")
         chosen_task(self.task)
         check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
         check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")

@@ -3,25 +3,30 @@
 python -m benchmark.studies.arms
 """
 
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, replace
-from itertools import batched
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.episodes.arm import arm_columns, of_arm
-from benchmark.rollouts.arm_oracle import CHUNK, ArmOracle, play_all
+from benchmark.episodes.arm import of_arm
+from benchmark.rollouts.arm_oracle import ArmOracle, play_missing
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import FIRST_TEST_SEED, ORACLES, SETTINGS, check_folder, check_seeds, check_targets
+from benchmark.settings.config import (
+    FIRST_TEST_SEED,
+    ORACLE_METHODS,
+    ORACLES,
+    SETTINGS,
+    check_folder,
+    check_seeds,
+    check_targets,
+)
 from envs.block_push.task import BLOCK_PUSH
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
-    from rich.console import Console
 
     from envs.arm.feasibility import TableFeasibility
     from envs.arm.placed_arm import PlacedArm
@@ -62,7 +67,7 @@ class ArmsConfig:
     spacing: float = 0.01
     """Of the points of the table in the pictures, in m, from 0.005 to 0.1."""
     output_dir: str = "results"
-    """Folder of arms.md, arms/oracle_episodes.parquet and the figures in its folder figures."""
+    """Folder of arms.md, arms/episodes and the figures in its folder figures."""
     workers: int = 2
     """Processes that roll out; results do not depend on it. A whole number >= 1."""
 
@@ -95,11 +100,6 @@ class OracleCondition:
         return ArmOracle(BLOCK_PUSH, self.arm, self.oracle)
 
     @property
-    def columns(self) -> dict[str, object]:
-        """What tells the condition's rows in the table of episodes."""
-        return arm_columns(self.arm) | {"oracle": self.oracle}
-
-    @property
     def can_start(self) -> bool:
         """Whether the arm can hold its tool over the task's start."""
         from envs.arm.placed_arm import start_posture
@@ -113,14 +113,16 @@ class OracleCondition:
 
 def main(config: ArmsConfig) -> None:
     """Play what is missing of each condition, store every episode, and write tables and figures."""
+    import pandas as pd
     from rich.console import Console
 
     from benchmark.rollouts.arm_oracle import demonstrated_path
 
     console, output_dir = Console(), Path(config.output_dir)
     conditions = [c for robot in config.robots for c in arm_conditions(robot, config.changed)]
-    playable = [condition for condition in conditions if condition.can_start]
-    episodes = play_missing(playable, config, console)
+    players = dict.fromkeys(condition.player for condition in conditions if condition.can_start)
+    seeds = range(config.seed_start, config.seed_start + config.episodes)
+    episodes = pd.concat(play_missing([*players], seeds, output_dir / "arms", config.workers, "Oracles", console))
     figures = {"base_x": draw_base_x(episodes, conditions)}
     path = demonstrated_path(BLOCK_PUSH, config.demonstrations, console)
     for robot in config.robots:
@@ -159,58 +161,9 @@ def arm_conditions(robot: str, changed: list[str]) -> list[OracleCondition]:
     return conditions
 
 
-def play_missing(conditions: list[OracleCondition], config: ArmsConfig, console: "Console") -> "pd.DataFrame":
-    """All episodes of the conditions by this version of the code: the stored ones and the rest, stored as they come."""
-    import pandas as pd
-
-    from benchmark.artifacts.progress import progress_bar
-    from benchmark.episodes.arithmetic import arithmetic
-    from benchmark.episodes.code_version import code_version
-    from benchmark.episodes.table import OPTIONAL
-
-    file = Path(config.output_dir) / "arms" / "oracle_episodes.parquet"
-    stored = pd.read_parquet(file) if file.exists() else pd.DataFrame()
-    code = code_version()
-    if len(stored):
-        stored = stored[stored.code_version == code]
-    seeds = range(config.seed_start, config.seed_start + config.episodes)
-    chunks = list(missing_chunks(conditions, stored, seeds))
-    total = len(conditions) * len(seeds)
-    with progress_bar(console) as progress:
-        task = progress.add_task("Oracles", total=total, completed=total - sum(len(seeds) for _, seeds in chunks))
-        played = play_all([(condition.player, part) for condition, part in chunks], config.workers)
-        for (condition, part), outcomes in zip(chunks, played, strict=True):
-            progress.update(
-                task, description=f"{condition.oracle} oracle on {condition.arm.robot}, {condition.arm.setting}"
-            )
-            rows = [{"episode_seed": seed, **asdict(x)} for seed, x in zip(part, outcomes, strict=True)]
-            table = pd.DataFrame(rows).drop(columns=["path_x", "path_y"]).assign(**condition.columns)
-            table = table.assign(code_version=code, arithmetic=arithmetic())
-            stored = pd.concat([stored, table.astype(OPTIONAL)], ignore_index=True)
-            store(file, stored)
-            progress.advance(task, len(part))
-    wanted = pd.DataFrame([condition.columns for condition in conditions]).drop_duplicates()
-    return stored[stored.episode_seed.isin(seeds)].merge(wanted)
-
-
-def missing_chunks(
-    conditions: list[OracleCondition], stored: "pd.DataFrame", seeds: range
-) -> Iterator[tuple[OracleCondition, tuple[int, ...]]]:
-    """Conditions and seeds that are not stored, a few seeds at a time."""
-    for condition in conditions:
-        done = set(rows_of(stored, condition).episode_seed) if len(stored) else set()
-        yield from ((condition, part) for part in batched((s for s in seeds if s not in done), CHUNK))
-
-
 def rows_of(episodes: "pd.DataFrame", condition: OracleCondition) -> "pd.DataFrame":
     """The episodes of a condition."""
-    return of_arm(episodes[episodes.oracle == condition.oracle], condition.arm)
-
-
-def store(file: Path, episodes: "pd.DataFrame") -> None:
-    """Write the table, atomically."""
-    with replacing(file) as path:
-        episodes.to_parquet(path, index=False)
+    return of_arm(episodes[episodes.method == ORACLE_METHODS[condition.oracle]], condition.arm)
 
 
 def feasibility_table(robot: str, setting: str, spacing: float) -> "TableFeasibility":
@@ -232,9 +185,7 @@ the arm. *aware*: chooses plan, side and contact of every push by where the arm 
 (`envs.block_push.aware_oracle`); its score
 is the arm's **ceiling**; what it gives up, having found no push, counts as `dithering`. A change is one choice other
 than the setting's; all else stays. Rows:
-`arms/oracle_episodes.parquet`, code version `{code}`. These rows have no hash and do not say how they were
-rounded; those of the leaderboard's oracles, in `oracle/`, have and do, are rolled out apart, and may differ in a few
-episodes.
+`arms/episodes`, episode version {version}.
 
 {tables}
 
@@ -259,7 +210,7 @@ def markdown(episodes: "pd.DataFrame", conditions: list[OracleCondition], config
     return TEXT.format(
         episodes=config.episodes,
         seed_start=config.seed_start,
-        code=", ".join(episodes.code_version.unique()),
+        version=", ".join(map(str, episodes.episode_version.unique())),
         tables="\n\n".join(tables),
         pictures="\n\n".join(pictures),
     )

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.config import ORACLE_METHODS, PAPER_ARMS, RunConfig, check_folder
 from benchmark.settings.recipe import RECIPES
+from envs.block_push.task import BLOCK_PUSH
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 
 
 TRIED = 3
-"""Rows of a cause that are tried, where they were rounded otherwise than here."""
+"""Rows of a cause that are tried, if they were stored by a processor that rounds otherwise than this one."""
 
 
 @dataclass
@@ -31,7 +30,7 @@ class CauseVideosConfig:
     """Replays one stored episode of each cause of failure and shows it, to read the causes against."""
 
     episodes: str = "results"
-    """Folder under which episodes.parquet are read, of all seeds."""
+    """Folder under which tables of episodes are read, of all seeds."""
     output_dir: str = "results"
     """Folder of causes.md; the pictures go to its folder figures/causes."""
     workers: int = 2
@@ -44,34 +43,27 @@ class CauseVideosConfig:
 
 def main(config: CauseVideosConfig) -> None:
     """Replay an episode of each cause that stored rows have, and write pictures and a table."""
-    import pandas as pd
     from rich.console import Console
 
     from benchmark.artifacts.known_policies import shipped
-    from benchmark.episodes.code_version import code_version
-    from benchmark.episodes.trusted_rows import read_trusted
-    from benchmark.rollouts.row_rollout import row_rollout, stored_otherwise
+    from benchmark.episodes.table import read_tables
+    from benchmark.rollouts.row_rollout import row_rollout
     from benchmark.settings.replay_config import ReplayConfig
 
     console, output_dir = Console(), Path(config.output_dir)
-    files = sorted(Path(config.episodes).rglob("episodes.parquet"))
-    tables = [table for file in files if len(table := read_trusted(file))]
-    unknown = pd.Series(dtype="string")  # Of a table of before rows said how they were rounded.
-    tables = [table.assign(arithmetic=table.get("arithmetic", unknown)) for table in tables]
-    failed = pd.concat([table[table.failure_cause.notna()] for table in tables], ignore_index=True) if tables else []
-    failed = failed[~failed.method.isin(ORACLE_METHODS.values())] if len(failed) else failed
+    failed = read_tables(Path(config.episodes), BLOCK_PUSH.name)
+    if len(failed):
+        failed = failed[failed.failure_cause.notna() & ~failed.method.isin(ORACLE_METHODS.values())]
     if not len(failed):
         raise SettingError(f"{config.episodes} holds no failed episodes. Make some: python -m benchmark.run robot=ur3")
-    tried, shown = examples(failed, code_version(), set().union(*map(shipped, RECIPES))), []
+    tried, shown = examples(failed, set().union(*map(shipped, RECIPES))), []
     for cause, rows in tried.groupby("failure_cause", sort=False):
         file = output_dir / "figures" / "causes" / f"{cause}.webp"
         for row in rows.to_dict("records"):
             rollout = row_rollout(row, ReplayConfig(table=config.episodes, workers=config.workers), console)
             try:
                 film(rollout, row, file, config.episodes)
-            except SettingError as error:
-                if not stored_otherwise(row):
-                    raise
+            except SettingError as error:  # It was stored by a processor that rounds otherwise.
                 console.print(f"{cause}: {error}", soft_wrap=True)
                 continue
             console.print(str(file), soft_wrap=True)
@@ -88,7 +80,7 @@ def film(rollout: "Rollout", row: "Mapping[str, Any]", file: Path, table: str) -
     Raises:
         SettingError: If it then fails by something else, or not at all; nothing is written.
     """
-    from benchmark.episodes.table import row_name
+    from benchmark.episodes.episode import row_id, row_name
     from benchmark.rollouts.video import record
 
     with replacing(file) as path:
@@ -96,31 +88,25 @@ def film(rollout: "Rollout", row: "Mapping[str, Any]", file: Path, table: str) -
         if outcome.failure_cause != row["failure_cause"]:
             raise SettingError(
                 f"{row_name(row)} failed by {row['failure_cause']} and, replayed, by {outcome.failure_cause}. See what "
-                f"else differs: python -m benchmark.replay table={table} row={row['row_hash']}"
+                f"else differs: python -m benchmark.replay table={table} row={row_id(row)}"
             )
 
 
-def examples(failed: "pd.DataFrame", code: str, policies: set[str]) -> "pd.DataFrame":
-    """One row for each cause that there is, of this version of the code, of our own methods and of these policies; some
-    for a cause of which all may not replay.
+def examples(failed: "pd.DataFrame", policies: set[str]) -> "pd.DataFrame":
+    """A few rows for each cause that there is, of this episode version, of our own methods and of these policies.
 
-    Rows that were rounded otherwise than here, or do not say how, come last, since they may not replay, and of each
-    kind episodes with fewer denoising steps than the default; direct transfer comes before guidance, the UR3 before
-    the other targets and these before the source; then seeds.
+    Episodes with fewer denoising steps than the default come last; direct transfer comes before guidance, the UR3
+    before the other targets and these before the source; then seeds.
     """
-    from benchmark.episodes.arithmetic import arithmetic
-
-    ours = failed[(failed.code_version == code) & (failed.entry_hash == "") & failed.checkpoint_hash.isin(policies)]
+    present = failed.episode_version == failed.setting.map(BLOCK_PUSH.episode_version)
+    ours = failed[present & (failed.entry_hash == "") & failed.checkpoint_hash.isin(policies)]
     order = ours.assign(
-        rounded_otherwise=ours.arithmetic.fillna("") != arithmetic(),
         rushed=ours.sampling_steps < RunConfig().sampling_steps,
         guided=ours["lambda"] > 0,
         arm=ours.robot.map([*PAPER_ARMS[1:], PAPER_ARMS[0]].index),
     )
-    order = order.sort_values(["rounded_otherwise", "rushed", "guided", "arm", "episode_seed", "row_hash"])
-    place = order.groupby("failure_cause", sort=False).cumcount()
-    best = order.rounded_otherwise.groupby(order.failure_cause).transform("first")
-    return ours.loc[order.index[place < np.where(best, TRIED, 1)]]
+    order = order.sort_values(["rushed", "guided", "arm", "episode_seed", "checkpoint", "method", "lambda"])
+    return ours.loc[order.index[order.groupby("failure_cause", sort=False).cumcount() < TRIED]]
 
 
 TEXT = """# Causes of failure, each seen
@@ -141,13 +127,14 @@ No stored episode of a policy failed, and fails when it is replayed here, by: {m
 
 def markdown(shown: "list[dict[str, Any]]", stored: "pd.Series") -> str:
     """The document, with these rows and how many of each cause are stored."""
+    from benchmark.episodes.episode import row_id
     from envs.block_push.failure import CAUSES
 
     by_cause = {row["failure_cause"]: row for row in shown}
     rows = [
         f"| `{cause}` | {stored[cause]} | {row['robot']}, {row['setting']}, {row['method']}, λ {row['lambda']:g}, "
         f"policy {row['checkpoint']}, {row['sampler']} with {row['sampling_steps']} steps, seed {row['episode_seed']}, "
-        f"length {row['length']}; row `{row['row_hash'][:12]}` "
+        f"length {row['length']}; row `{row_id(row)}` "
         f"| ![{cause}](figures/causes/{cause}.webp) |"
         for cause in CAUSES
         if (row := by_cause.get(cause))

@@ -42,7 +42,9 @@ if TYPE_CHECKING:
 PART = 100
 """Episodes per call of `lerobot-eval`, which draws a video of the first ten each time; a killed run loses one call."""
 
-KEY = ["robot", "setting", "checkpoint_hash", "code_version", "episode_seed"]
+ABOUT = ["robot", "setting", "checkpoint"]
+
+KEY = ["robot", "setting", "checkpoint_hash", "episode_version", "episode_seed"]
 """What an episode of the two evaluations must share."""
 
 
@@ -160,7 +162,7 @@ def compare(folder: Path) -> "pd.DataFrame":
     ours, theirs = read_episodes(folder), pd.read_parquet(folder / "lerobot_eval.parquet")
     both = theirs.merge(ours.drop(columns="checkpoint").drop_duplicates(KEY, keep="last"), on=KEY)
     rows = []
-    for (robot, setting, checkpoint, code), group in both.groupby(["robot", "setting", "checkpoint", "code_version"]):
+    for (robot, setting, checkpoint, version), group in both.groupby([*ABOUT, "episode_version"]):
         a, b = group.success.to_numpy(dtype=float), group.p2.to_numpy(dtype=float)
         difference, low, high = (100 * x for x in paired_difference(a, b))
         shown = {
@@ -177,7 +179,7 @@ def compare(folder: Path) -> "pd.DataFrame":
                 **shown,
                 "difference": f"{difference:+.1f} [{low:+.1f}, {high:+.1f}]",
                 "exact McNemar p": f"{paired_p_value(a, b):.2g}",
-                "code": code,
+                "version": version,
             }
         )
     return pd.DataFrame(rows)

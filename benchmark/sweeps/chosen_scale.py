@@ -84,8 +84,8 @@ def chosen_scale(config: RunConfig) -> float:
 
 @cache
 def _chosen(folder: Path, task: "Task") -> dict[tuple, dict[str, float]]:
-    """The chosen scales by arm and method, and by field, from the validation episodes of the present code."""
-    episodes = read_methods(folder, range(50_000, 60_000))
+    """The chosen scales by arm and method, and by field, from the validation episodes of the present version."""
+    episodes = read_methods(folder, task, range(50_000, 60_000))
     if episodes.empty:
         return {}
     table = scale_table(episodes, task)
@@ -103,22 +103,17 @@ def arm_folder(output_dir: str, config: RunConfig) -> Path:
     return Path(output_dir) / config.recipe / arm_name(chosen_arm(config))
 
 
-def read_methods(folder: Path, seeds: range) -> "pd.DataFrame":
-    """These episodes in an arm's folder, whatever the method, that the present code made; an empty table if none are.
-
-    Raises:
-        SettingError: If one was edited.
-    """
+def read_methods(folder: Path, task: "Task", seeds: range) -> "pd.DataFrame":
+    """These episodes in an arm's folder, whatever the method, of the task's present version; an empty table if none
+    are."""
     import pandas as pd
 
-    from benchmark.episodes.code_version import code_version
-    from benchmark.episodes.table import check_unedited, read_episodes
+    from benchmark.episodes.table import read_episodes
 
     tables = []
     for method in METHODS:
         table = read_episodes(folder / method)
         if len(table):
-            table = table[(table.code_version == code_version()) & table.episode_seed.isin(seeds)]
-            check_unedited(table, folder / method / "episodes.parquet")
-            tables.append(table)
+            present = table.episode_version == table.setting.map(task.episode_version)
+            tables.append(table[present & table.episode_seed.isin(seeds)])
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()

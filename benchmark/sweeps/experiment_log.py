@@ -10,7 +10,7 @@ from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, get_origin
+from typing import TYPE_CHECKING
 
 from benchmark.artifacts.wandb_run import _checkpoint, _use, start_experiment
 from benchmark.settings.config import SETTINGS, MapConfig, RunConfig, WandbConfig
@@ -65,16 +65,14 @@ def log_evaluation(config: RunConfig, rollout: "Rollout", episodes: "pd.DataFram
         return
     import wandb
 
-    from benchmark.episodes.table import plain
+    from benchmark.episodes.episode import plain
     from benchmark.scoring.scores import figures
 
     condition = {name: plain(value) for name, value in rollout.condition.row().items()}
     settings = asdict(config) | condition
     del settings["guidance_scale"]  # It is called lambda.
     name = "{robot}-{setting}-{method}-{lambda:g}-{checkpoint}".format_map(condition)
-    paths = [column for column, kind in rollout.task.columns.items() if get_origin(kind) is tuple]
-    columns = [name for name in episodes if name not in paths]
-    cells = [[plain(value) for value in row] for row in episodes[columns].to_numpy(object)]
+    cells = [[plain(value) for value in row] for row in episodes.to_numpy(object)]
     point = {"lambda": condition["lambda"], **figures(episodes, rollout.task)}
     failed = {f"failed/{cause}": count for cause, count in point.pop("causes").items()}
     with start_experiment(config.wandb, name, group, "evaluation", settings) as run:
@@ -82,7 +80,7 @@ def log_evaluation(config: RunConfig, rollout: "Rollout", episodes: "pd.DataFram
         if rollout.field:
             _use(run, _field(rollout.field))
         run.define_metric("*", step_metric="lambda")
-        run.log(point | failed | {"episodes": wandb.Table(columns, cells)})
+        run.log(point | failed | {"episodes": wandb.Table([*episodes], cells)})
         if config.wandb.video:
             _log_video(run, rollout, int(episodes.episode_seed.min()))
 
@@ -105,11 +103,11 @@ def log_curves(task: "Task", config: WandbConfig, tables: "Iterable[pd.DataFrame
     from benchmark.episodes.arm import ARM
     from benchmark.scoring.ranking import SAMPLING, Protocol, leaderboard
 
-    alike = [*ARM, *SAMPLING, "code_version"]
+    alike = [*ARM, *SAMPLING, "episode_version"]
     episodes = pd.concat(stored, ignore_index=True)
     by_hash = episodes.assign(checkpoint=episodes.checkpoint_hash)  # Two policies may go by one name.
     seeds, policies = episodes.episode_seed.nunique(), by_hash.checkpoint.nunique()
-    slots = episodes.batch_shape.iloc[0]  # Those of other batches are other curves.
+    slots = episodes.batch_size.iloc[0]  # Those of other batches are other curves.
     protocol = Protocol("sweep", SETTINGS, seeds, slots, policies, task.score_names, best_only=False)
     points = leaderboard(by_hash, protocol, task)
     shown = [f"{score}{end}" for score in task.score_names for end in ("", "_low", "_high", "_difference")]

@@ -56,7 +56,7 @@ class ScalesConfig:
     """What the arm may do (see benchmark.run)."""
     output_dir: str = "results/scales"
     """In its folder <recipe>/<arm>-<setting> (with what of the arm is changed, as ur10-embodied-wrist_out): scales.md,
-    figures, and each method's episodes.parquet in a folder."""
+    figures, and each method's episodes in a folder."""
     device: str = "auto"
     """Where the policy runs: cpu, cuda, or auto (cuda if there is one)."""
     sampler: str = "DDIM"
@@ -145,7 +145,7 @@ def sweep(
         }
         rates = run_points(points, config, f"Scale {level + 1} of at most {config.points}", console)
         going = {method: going[method] for method, rate in rates.items() if rate >= COLLAPSE * reference}
-    return read_methods(config.folder, episode_seeds(config))
+    return read_methods(config.folder, direct[0].task, episode_seeds(config))
 
 
 def episode_seeds(config: ScalesConfig) -> range:
@@ -211,7 +211,7 @@ Being the best of several on these episodes, its {score} here is too high: final
 
 def markdown(table: "pd.DataFrame", task: "Task") -> str:
     """The tables for people, an arm after the other."""
-    from benchmark.episodes.arm import setting_text
+    from benchmark.episodes.arm import base_text, branch_text, setting_text
 
     units = "\n".join(f"- `{name}`: λ is {method.scale}." for name, method in METHODS.items() if name in GUIDED)
     parts = [TEXT.format(most=MOST_SAMPLES, units=units, score=task.ranking[0])]
@@ -219,7 +219,7 @@ def markdown(table: "pd.DataFrame", task: "Task") -> str:
         about = dict(zip(CHOSEN_FOR, arm, strict=True))
         parts += [
             f"## {about['robot']}, {setting_text(about)}",
-            f"Base {about['base']} m, wrist {about['branch']}, {about['sampler']}-{about['sampling_steps']}, "
+            f"Base {base_text(about)} m, {branch_text(about)}, {about['sampler']}-{about['sampling_steps']}, "
             f"{group.checkpoints.max()} checkpoints. Chosen:",
             shown(group[group.chosen], task).to_markdown(index=False, disable_numparse=True),
             "All:",

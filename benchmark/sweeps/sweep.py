@@ -16,6 +16,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
+from benchmark.episodes.parts import read_part, to_frame
 from benchmark.settings.config import WandbConfig
 from benchmark.settings.setting import SettingError
 from benchmark.settings.task import chosen_task
@@ -86,7 +87,7 @@ def _sum_up(folder: Path, wandb: WandbConfig, task: str, beside: Path) -> None:
     from benchmark.scoring.own_results import show_results
     from benchmark.sweeps.experiment_log import log_curves
 
-    tables = [pd.read_parquet(file) for file in sorted((folder / "jobs").glob("*.parquet"))]
+    tables = [to_frame([read_part(file)]) for file in sorted((folder / "jobs").glob("*.parquet"))]
     if tables:
         rows = pd.concat(tables, ignore_index=True).drop_duplicates(IDENTITY)  # lambda=0 is the same for all methods.
         show_results(rows, chosen_task(task), beside)

@@ -15,20 +15,20 @@ from benchmark.training.demonstration_recipe import CollectConfig
 def collect(config: CollectConfig) -> Path:
     """Collects the demonstrations if they are not there yet, and gives their folder.
 
-    A run that was killed goes on with the chunks of episodes that it had stored, by the same code.
+    A run that was killed goes on with the chunks of episodes that it had stored, of the same episode version.
 
     Raises:
         SettingError: If others are there, or another process collects them just now.
     """
-    from benchmark.episodes.code_version import code_version
+    from envs.block_push.task import BLOCK_PUSH
 
-    root = Path(config.output_dir)
+    root, version = Path(config.output_dir), BLOCK_PUSH.episode_version("embodied")
     if root.exists():
-        _check_demonstrations(root, config, code_version())
+        _check_demonstrations(root, config, version)
         return root
     with alone(root):
         if not root.exists():
-            _collect(config, root, {"recipe": config.recipe, "code": code_version()})
+            _collect(config, root, {"recipe": config.recipe, "episode_version": version})
     return root
 
 
@@ -47,16 +47,16 @@ def digest(values: Mapping[str, object]) -> str:
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:12]
 
 
-def _check_demonstrations(root: Path, config: CollectConfig, code: str) -> None:
-    """Refuse demonstrations that these settings or this version of the code would not make."""
+def _check_demonstrations(root: Path, config: CollectConfig, version: int) -> None:
+    """Refuse demonstrations that these settings or this episode version would not make."""
     file = root / "meta" / "collect.json"
     if not file.exists():
         raise SettingError(f"output_dir={root} is there and holds no demonstrations. Choose another folder.")
-    asked = {**config.recipe, "code": code}
+    asked = {**config.recipe, "episode_version": version}
     try:
         about = json.loads(file.read_text())
-        made = {**about["recipe"], "code": about["code"]}
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        made = {**about["recipe"], "episode_version": about.get("episode_version")}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise SettingError(f"{file} is damaged ({error!r}). Delete {root} or choose another output_dir.") from error
     different = {key: made.get(key) for key, value in asked.items() if made.get(key) != value}
     if different:

@@ -26,7 +26,7 @@ A guided diffusion policy (LeRobot policy type `guided_push`) for pushing two bl
 - Training: {step} of {steps} steps of {batch_size} observations, seed {seed}, {precision} products on {device}.
 - Action unit: 1 in the network is {action_unit} m; actions lie between -1 and 1 (minimum -{action_unit} m,
   maximum {action_unit} m on both axes).
-- Code: version {code} (what decides an episode), commit {commit}.
+- Commit: {commit}.
 - Sampler: {sampler} with {sampling_steps} of {training_levels} noise levels, {prediction} prediction.
 
 Made by `python -m benchmark.train` with

@@ -207,7 +207,7 @@ def _publish(
     checkpoint = config.checkpoints[step]
     if checkpoint.exists():
         return
-    from benchmark.episodes.code_version import code_version, commit
+    from benchmark.artifacts.commit import commit
     from benchmark.training.model_card import write_model_card
     from benchmark.training.training_state import CURVE
 
@@ -229,7 +229,6 @@ def _publish(
         "sampling_steps": policy.num_inference_steps,
         "training_levels": policy.num_train_timesteps,
         "prediction": policy.prediction_type,
-        "code": code_version(),
         "commit": commit(),
     }
     values = {key: value for key, value in asdict(config).items() if key != "wandb"}

@@ -49,21 +49,12 @@ class EpisodeOutcome:
     share_rectangle_b: float
     """Flange in x .15 to .25, |y| < .20 m."""
     tracking_error_mean: float
-    """Distance from the commanded to the measured effector, in [m]; likewise the next two."""
-    tracking_error_p95: float
+    """Distance from the commanded to the measured effector, in [m]; likewise the next."""
     tracking_error_max: float
-    joint_limit_margin_min: float
-    """Of any joint, in [rad]; negative where limits do not bind and are passed."""
-    ik_residual_mean: float
-    """Distance that the inverse kinematics leaves, in [m]; likewise the next."""
-    ik_residual_max: float
     self_contact_share: float
     """Links of the arm in contact."""
     tool_tilt_max: float
     """Of the tool from the vertical, in [rad]."""
-    path_x: tuple[int, ...]
-    """Flange after each step, world frame, in whole [mm]; likewise the next."""
-    path_y: tuple[int, ...]
 
 
 def summarize(infos: list[dict]) -> EpisodeOutcome:
@@ -78,7 +69,6 @@ def summarize(infos: list[dict]) -> EpisodeOutcome:
     record = {key: np.array([info[key] for info in steps]) for key in _RECORDED}
     flange = record["flange"][:, :2]
     radius = np.linalg.norm(flange - record["base"][:, :2], axis=1)
-    path_x, path_y = np.rint(1000 * flange).astype(int).T.tolist()
     block, target, entry = _first_entry(infos)
     return EpisodeOutcome(
         score=float(last["score"]),
@@ -96,15 +86,9 @@ def summarize(infos: list[dict]) -> EpisodeOutcome:
         share_rectangle_a=_share_inside(flange, RECTANGLE_A),
         share_rectangle_b=_share_inside(flange, RECTANGLE_B),
         tracking_error_mean=float(record["tracking_error"].mean()),
-        tracking_error_p95=float(np.percentile(record["tracking_error"], 95)),
         tracking_error_max=float(record["tracking_error"].max()),
-        joint_limit_margin_min=float(record["joint_limit_margin"].min()),
-        ik_residual_mean=float(record["ik_residual"].mean()),
-        ik_residual_max=float(record["ik_residual"].max()),
         self_contact_share=float(record["self_contact"].mean()),
         tool_tilt_max=float(record["tool_tilt"].max()),
-        path_x=tuple(path_x),
-        path_y=tuple(path_y),
     )
 
 
@@ -112,8 +96,6 @@ _RECORDED = (
     "flange",
     "base",
     "tracking_error",
-    "joint_limit_margin",
-    "ik_residual",
     "self_contact",
     "tool_tilt",
 )

@@ -1,0 +1,106 @@
+"""Parts of a table: Parquet files in a folder `episodes`, each written once and called by its checksum.
+
+A part is never changed: whoever adds rows adds a part. So nothing that is stored can be lost by a process that is
+killed, a disk that is full, or two processes that write at once.
+"""
+
+import hashlib
+import os
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from benchmark.settings.command import SettingError
+
+FOLDER = "episodes"
+"""Name of the folder that a table's parts are in."""
+
+
+def parts_in(folder: Path) -> list[Path]:
+    """The parts of the table in a folder."""
+    return sorted((folder / FOLDER).glob("*.parquet"))
+
+
+def parts_below(path: Path) -> list[Path]:
+    """The parts of all tables in a folder and below it, or the file itself."""
+    return [path] if path.is_file() else sorted(path.rglob(f"{FOLDER}/*.parquet"))
+
+
+def checksum(file: Path) -> str:
+    """SHA-256 of a file, first 16 digits: a part's name."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+
+
+def write_part(folder: Path, rows: pd.DataFrame) -> Path:
+    """Add rows to the table in a folder; gives the new part.
+
+    It is there whole or not at all, also if the machine stops.
+    """
+    table = pa.Table.from_pandas(rows, preserve_index=False)
+    there = folder / FOLDER
+    there.mkdir(parents=True, exist_ok=True)
+    temporary = there / f".{os.getpid()}.tmp"
+    try:
+        pq.write_table(table, temporary, compression="zstd", compression_level=19, write_page_checksum=True)
+        with temporary.open("rb") as written:
+            os.fsync(written.fileno())
+        part = there / f"{checksum(temporary)}.parquet"
+        os.replace(temporary, part)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return part
+
+
+def merge_parts(files: Iterable[Path]) -> None:
+    """Put parts of one table together: their rows are in a new part before the old ones go."""
+    files = sorted({*files})
+    if len(files) < 2:
+        return
+    merged = write_part(files[0].parents[1], to_frame([read_part(file) for file in files]))
+    for file in files:
+        if file != merged:
+            file.unlink()
+
+
+def read_part(file: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """The rows of a part, with those of these columns that there are, or all.
+
+    Raises:
+        SettingError: If it is cut short or damaged.
+        FileNotFoundError: If it is not there, or not any more.
+    """
+    if re.fullmatch("[0-9a-f]{16}", file.stem) and checksum(file) != file.stem:
+        raise SettingError(f"{file} is damaged: it is not what its name, its checksum, says. Move it away.")
+    try:
+        with pq.ParquetFile(file, page_checksum_verification=True) as part:
+            there = columns and [name for name in columns if name in part.schema_arrow.names]
+            return part.read(there)
+    except FileNotFoundError:
+        raise
+    except Exception as error:  # Arrow raises whatever it comes across in a damaged file.
+        text = " ".join(str(error).split())[:200]
+        raise SettingError(f"{file} is no whole Parquet file ({text}). Move it away and run again.") from error
+
+
+def to_frame(tables: Sequence[pa.Table]) -> pd.DataFrame:
+    """Tables of parts in one data frame; postures are tuples, which can be grouped by."""
+    if not tables:
+        return pd.DataFrame()
+    try:
+        frame = pa.concat_tables(tables, promote_options="default").to_pandas()
+    except Exception as error:  # Whatever Arrow and pandas come across.
+        text = " ".join(str(error).split())[:200]
+        raise SettingError(f"A part of the table is damaged, or has other columns than the others: {text}") from error
+    if "posture" in frame:
+        frame["posture"] = [posture if posture is None else tuple(posture) for posture in frame.posture]
+    return frame
+
+
+def of_task(table: pa.Table, task: str) -> pa.Table:
+    """The rows of a task."""
+    return table.filter(pc.field("task") == task) if "task" in table.column_names else table[:0]
