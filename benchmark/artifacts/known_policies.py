@@ -1,5 +1,7 @@
 """The policies that are there: those that ship, those that were trained here, or the one that settings name."""
 
+import fnmatch
+import json
 from pathlib import Path
 
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
@@ -56,6 +58,7 @@ def policies_in(folder: Path, recipe: str) -> list[Path]:
 
 
 def shipped(recipe: str = USUAL, task: str = RunConfig.task) -> set[str]:
-    """Hashes of a recipe's policies that ship with the project, for a task."""
-    folder = CHECKPOINTS[0] if task == RunConfig.task else CHECKPOINTS[0] / task
-    return {Checkpoint(policy).policy_hash for policy in policies_in(folder, recipe)}
+    """Hashes of a recipe's policies whose rows are published, for a task, whether or not all of them lie here."""
+    file = (CHECKPOINTS[0] if task == RunConfig.task else CHECKPOINTS[0] / task) / "policies.json"
+    published = json.loads(file.read_text()) if file.exists() else {}
+    return {published[name] for name in fnmatch.filter(published, policy_name(recipe, "*", "*"))}

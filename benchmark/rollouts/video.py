@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def record(rollout: "Rollout", seed: int, file: Path) -> "Episode":
-    """Play one episode and write it as a moving picture of the kind that the file's ending names, at twice its speed."""
+    """Play one episode and write it as a moving picture, of the kind of the file's ending, at twice its speed."""
     import imageio.v3 as imageio
 
     from benchmark.rollouts.rollout import alone
