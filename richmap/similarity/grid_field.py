@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -71,7 +71,7 @@ class GridField(ABC):
         save_arrays(path, self.KIND, self.VERSION, {"values": self.values, **numbers}, about)
 
     @classmethod
-    def load(cls, path: Path) -> Self:
+    def load[Kind: "GridField"](cls: type[Kind], path: Path) -> Kind:
         """Read a field of this kind.
 
         Raises:
