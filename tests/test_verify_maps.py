@@ -8,10 +8,8 @@ from rich.console import Console
 from benchmark.artifacts.outputs import store_rows
 from benchmark.map_quality import verify_maps
 from benchmark.map_quality.labels import LABELS, LabelledPoses
-from benchmark.map_quality.map_growth import MapGrowthConfig, draw, growth
-from benchmark.map_quality.map_growth import main as map_growth
 from benchmark.map_quality.verify_maps import VerifiedMap, confusion, half_and_half, report, scores, verify
-from benchmark.settings.config import MapConfig, RobotConfig, VerifyMapsConfig
+from benchmark.settings.config import VerifyMapsConfig
 from richmap.maps.reachability_map import Reach
 from richmap.robots.robots import load_robot
 
@@ -74,15 +72,6 @@ def test_the_report_puts_our_figures_beside_the_papers(tmp_path):
     assert "11.3 / 11.2" in text and ".037" in text and "164.1 / –" in text
 
 
-def test_scores_follow_a_map_under_construction(tmp_path):
-    growing = [a_map(inserted=i, reachable=lambda p, r, i=i: p[:, 0] < i / 4) for i in (1, 2, 3)]
-    table = pd.DataFrame([{"robot": "panda", **row} for row in growth(growing, {"paper": labelled()})])
-    strict = table[table.labels == "strict"]
-    assert strict.inserted.tolist() == [1, 2, 3] and (strict.tpr.diff().dropna() > 0).all()
-    draw(table, tmp_path)
-    assert (tmp_path / "map_growth.png").stat().st_size > 1000
-
-
 def test_a_lower_threshold_never_makes_fewer_hits_and_the_curve_passes_through_the_map(tmp_path):
     poses, score = labelled(), lambda p, r: p[:, 0]
     half = a_map("fraction", lambda p, r: p[:, 0] >= 0.5, score=score)
@@ -105,17 +94,6 @@ def test_labels_are_checked_once(tmp_path, monkeypatch):
     for poses in (labelled(), labelled(), labelled(n=500)):
         verify_maps.check_labels(load_robot("panda"), "hard", poses, config, Console())
     assert len(calls) == 2
-
-
-def test_the_command_follows_an_arms_map_while_it_grows(tmp_path):
-    small = MapConfig(cell_size=0.2, theta=0.4, stop_rate=0.2, draw=100, turns=8)
-    config = MapGrowthConfig(
-        robot=RobotConfig("ur3"), millions=[0.001, 0.002], poses=100, workers=1, output_dir=str(tmp_path), map=small
-    )
-    map_growth(config)
-    table = pd.read_parquet(tmp_path / "map_growth.parquet")
-    assert table.inserted.drop_duplicates().tolist()[:2] == [1000, 2000] and table.inserted.nunique() == 3
-    assert (tmp_path / "figures" / "map_growth.png").exists()
 
 
 def test_three_answers_of_whole_poses_are_counted_by_what_is_true():
