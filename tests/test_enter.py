@@ -370,6 +370,23 @@ def test_what_an_entry_cannot_be_is_said_in_a_line(tmp_path, values, message):
         enter.main(settings(entry, tmp_path))
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]\n", "has .names of other values"),
+        ("[" * 5000, "cannot be read"),
+        ("name: a\0b\n", "cannot be read"),
+        ("name: " + "a" * 20_000, "has more than 10,000 bytes"),
+    ],
+    ids=["bomb", "nested", "nul", "long"],
+)
+def test_a_strange_entry_file_is_refused_in_a_line(tmp_path, text, message):
+    (tmp_path / "entry.yaml").write_text(text)
+    with pytest.raises(SettingError, match=message) as refused:
+        Entry.load(tmp_path)
+    assert "\n" not in str(refused.value)
+
+
 def test_guidance_needs_a_policy_that_can_be_guided_and_files_no_links(untrained, tmp_path):
     entry = write_entry(tmp_path / "entry", policy="weights")
     shutil.copytree(untrained, entry / "weights")

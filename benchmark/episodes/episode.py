@@ -80,7 +80,7 @@ class Condition:
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> "Condition":
         """The condition of a row."""
-        values = {each.name: row.get(each.name) for each in fields(cls)}
+        values: dict[str, Any] = {each.name: row.get(each.name) for each in fields(cls)}
         size = math.nan if values["cell_size"] is None else values["cell_size"]
         return cls(**values | {"guidance_scale": row["lambda"], "posture": tuple(row["posture"]), "cell_size": size})
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from omegaconf import DictConfig, OmegaConf
-from yaml import YAMLError
+from yaml import AliasToken, YAMLError, scan
 
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
 from benchmark.artifacts.known_policies import checkpoint_folder
@@ -22,6 +22,12 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from benchmark.rollouts.rollout import Rollout
+
+
+MOST_BYTES = 10_000
+"""Of an entry.yaml."""
+MOST_BRACKETS = 20
+"""Likewise: YAML takes long over nested ones."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +48,20 @@ class Entry:
         if not file.is_file():
             raise SettingError(f"entry={folder} is no entry: it lacks entry.yaml. See docs/submit.md.")
         try:
-            if "${" in file.read_text():
+            if file.stat().st_size > MOST_BYTES:
+                raise SettingError(f"{file} has more than {MOST_BYTES:,} bytes. It is a few lines of key: value.")
+            text = file.read_text()
+            if "${" in text:
                 raise SettingError(f"{file} has ${{...}}. What it says stands in the file itself: write the value.")
+            if text.count("[") + text.count("{") > MOST_BRACKETS:
+                raise SettingError(f"{file} cannot be read: it has lists in lists. It is a few lines of key: value.")
+            if any(isinstance(token, AliasToken) for token in scan(text)):
+                raise SettingError(f"{file} has *names of other values. Write each value.")
             said = OmegaConf.load(file)
-        except (YAMLError, OSError, UnicodeError) as error:
-            raise SettingError(f"{file} cannot be read: {error}") from error
+        except SettingError:
+            raise
+        except (YAMLError, OSError, ValueError, RecursionError) as error:
+            raise SettingError(f"{file} cannot be read: {' '.join(str(error).split())}") from error
         known = [each.name for each in fields(EntryConfig)]
         if not isinstance(said, DictConfig):
             raise SettingError(f"{file} is not lines of key: value. It may say: {', '.join(known)}.")
