@@ -18,6 +18,8 @@ from envs.block_push.arm import block_push_arm
 from envs.block_push.workspace import POSES
 from richmap.robots.robots import robot_file
 
+pytestmark = pytest.mark.system
+
 COARSE = replace(POSES, spacing=0.1)
 
 

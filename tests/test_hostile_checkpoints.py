@@ -20,6 +20,8 @@ from policies.configuration_guided_push import GuidedPushConfig
 from policies.modeling_guided_push import GuidedPushPolicy
 from policies.weights_hash import write_hashes
 
+pytestmark = pytest.mark.system
+
 SHOWN = {"observation.state": (4,), "observation.environment_state": (12,), "action": (2,)}
 BATCH = {"observation.state": torch.full((1, 4), 0.3), "observation.environment_state": torch.full((1, 12), 0.3)}
 

@@ -17,6 +17,8 @@ from envs.block_push.outcome import EpisodeOutcome
 from envs.block_push.task import BLOCK_PUSH
 from tests.made_up_episodes import CONDITION, episode
 
+pytestmark = pytest.mark.system
+
 GUIDED = dataclasses.replace(CONDITION, method="paper", guidance_scale=0.5)
 PLACED = {CONDITION: [1, 0, 0, 0], GUIDED: [1, 1, 1, 0]}
 
