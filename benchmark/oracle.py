@@ -20,7 +20,7 @@ def main(config: OracleConfig) -> None:
     from benchmark.settings.task import chosen_task
 
     task = chosen_task(config.task)
-    player = ArmOracle(task, chosen_arm(config), config.oracle)
+    player = ArmOracle(task, chosen_arm(config, task), config.oracle)
     output_dir, console = Path(config.output_dir) / arm_name(player.arm), Console()
     seeds = range(config.seed_start, config.seed_start + config.episodes)
     name = f"{player.oracle.capitalize()} oracle on {player.arm.robot}, {player.arm.setting}"

@@ -3,30 +3,31 @@
 python -m benchmark.record robot=ur3 lambda=0.5 seed_start=100000 output_dir=results/figures
 """
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from benchmark.artifacts.known_policies import chosen_checkpoint
-from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.video import record
 from benchmark.settings.command import run_command
 from benchmark.settings.config import RunConfig
-from benchmark.sweeps.chosen_scale import with_scale
-
-if TYPE_CHECKING:
-    pass
+from benchmark.sweeps.chosen_scale import rollouts_of
 
 
-def main(config: RunConfig) -> None:
+@dataclass
+class RecordConfig(RunConfig):
+    """Draws episodes of a policy on an arm, guided or not."""
+
+    episodes: int = 1
+    """Number of episodes, each in a file of its own; a whole number >= 1."""
+
+
+def main(config: RecordConfig) -> None:
     """Play episodes from seed `seed_start` on and write each to `output_dir` as a moving WebP."""
-    config = with_scale(config)
-    checkpoint = chosen_checkpoint(config)
     from rich.console import Console
 
     console = Console()
-    rollout = make_rollout(config, config.guidance_scale or 0.0, checkpoint, console)
+    rollout = rollouts_of(config, console)[-1]
     folder = Path(config.output_dir)
-    scale = f"{'lambda' if config.method == 'paper' else config.method}{config.guidance_scale:g}"
+    scale = f"{'lambda' if config.method == 'paper' else config.method}{rollout.condition.guidance_scale:g}"
     for seed in range(config.seed_start, config.seed_start + config.episodes):
         file = folder / f"{config.robot.name}-{config.setting}-{scale}-{seed}.webp"
         episode = record(rollout, seed, file)
@@ -37,4 +38,4 @@ def main(config: RunConfig) -> None:
 
 
 if __name__ == "__main__":
-    run_command(main, RunConfig, "record")
+    run_command(main, RecordConfig, "record")

@@ -18,6 +18,8 @@ from benchmark.episodes.episode import Condition
 from benchmark.rollouts.rollout import Rollout, alone
 from benchmark.settings.config import RobotConfig, RunConfig, WandbConfig
 from benchmark.sweeps.experiment_log import log_curves, log_evaluation, log_field
+from envs.block_push.arm import block_push_arm
+from envs.block_push.task import BLOCK_PUSH
 from richmap.geometry.grid import Grid
 from richmap.similarity.energy import EnergyField
 from tests.egl import needs_egl
@@ -41,7 +43,11 @@ def evaluated(transfer_episodes, tmp_path):
     )
     quiet = WandbConfig("offline", folder=str(tmp_path), video=False)
     config = RunConfig(RobotConfig("ur3"), setting="original", wandb=quiet, guidance_scale=0.5)
-    return config, Rollout(BLOCK_PUSH, condition, checkpoint_folder(42), tmp_path / "field.safetensors"), rows
+    field = tmp_path / "field.safetensors"
+    rollout = Rollout(
+        BLOCK_PUSH, block_push_arm("ur3", "original"), condition, checkpoint_folder(42), field, kind="energy"
+    )
+    return config, rollout, rows
 
 
 def test_what_was_logged_offline_can_be_read_back(tmp_path, offline_runs, capfd):
@@ -88,7 +94,6 @@ def test_artifacts_lead_from_maps_to_evaluation_and_from_a_training(
     maps = [sampled_map(name, Grid((-1.0, -1.0, -0.8), 0.2, (10, 10, 10)), 100) for name in ("xarm6", "ur3")]
     monkeypatch.setattr("benchmark.artifacts.maps.compared_maps", lambda *arguments: maps)
     log_field(config, rollout, "a sweep")
-    log_field(config, rollout, "a sweep")  # Once is enough.
     log_evaluation(config, rollout, episodes, "a sweep")
     with start_experiment(config.wandb, "seed42", "robust", "validate", {}) as run:
         log_checkpoint(run, rollout.checkpoint)

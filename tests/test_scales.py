@@ -4,13 +4,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from PIL import Image
+from rich.console import Console
 
 from benchmark import scales
 from benchmark.rollouts import arm_oracle, rollout
 from benchmark.scoring.scale_table import scale_table
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import RobotConfig
-from benchmark.sweeps.chosen_scale import read_methods, with_scale
+from benchmark.sweeps.chosen_scale import read_methods, rollouts_of
 from benchmark.sweeps.scale_sweep import ScalesConfig
 from envs.block_push.task import BLOCK_PUSH
 from policies.methods import GUIDED, METHODS
@@ -125,7 +126,7 @@ def test_damaged_episodes_choose_no_scale_and_are_not_gone_on_with(simulated, tm
     part.write_bytes(part.read_bytes()[:-9])
     run = dataclasses.replace(config.run(42), method="towards", guidance_scale=None, scales_dir=str(tmp_path))
     for gone_on in (
-        lambda: with_scale(run),
+        lambda: rollouts_of(run, Console(quiet=True)),
         lambda: scales.main(settings(tmp_path, methods=["towards"], episodes=5)),
     ):
         with pytest.raises(SettingError, match="towards/episodes/.* is damaged"):

@@ -27,7 +27,7 @@ from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.settings import command
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig
-from benchmark.sweeps.chosen_scale import with_scale
+from benchmark.sweeps.chosen_scale import rollouts_of
 from benchmark.sweeps.job import guides_source, job_name
 from benchmark.sweeps.sweep import count_jobs
 from policies.methods import METHODS
@@ -121,13 +121,18 @@ def scales(folder, condition):
     return str(folder)
 
 
+def with_scale(config):
+    """The scale at which a run's settings guide."""
+    return rollouts_of(config, Console(quiet=True))[-1].condition.guidance_scale
+
+
 def test_the_scale_is_the_one_chosen_on_validation_episodes(tmp_path):
     config = RunConfig(RobotConfig("ur3"), None, "projection", device="cpu")
     condition = make_rollout(config, 1.0, checkpoint_folder(42), Console()).condition
     config.scales_dir = scales(tmp_path / "a", condition)
-    assert with_scale(config).guidance_scale == 0.02
+    assert with_scale(config) == 0.02
     config.method = "direct"
-    assert with_scale(config).guidance_scale == 0
+    assert with_scale(config) == 0
     for other in ({"recipe": "clean"}, {"arm": ArmConfig(orientation_weight=0.5)}):  # What was chosen for another.
         with pytest.raises(SettingError, match="has no scale of method=projection"):
             with_scale(replace(config, method="projection", **other))

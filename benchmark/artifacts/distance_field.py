@@ -19,8 +19,10 @@ BOX = ((-0.2, -0.7), (0.9, 0.7))
 """Centres of its first and last cells, xy in [m]: the workspace, and as far beyond it as a chunk of actions goes."""
 
 
-def distance_field(arm: "PlacedArm", console: "Console") -> tuple["SignedDistanceField", Path]:
-    """Signed distance to the border of what the arm can hold in its branch (`SignedDistanceField`).
+def distance_field(
+    arm: "PlacedArm", _map: object, _energy: object, _workers: int, console: "Console"
+) -> tuple["SignedDistanceField", Path]:
+    """Signed distance to the border of what the arm can hold in its branch (`SignedDistanceField`), by the arm alone.
 
     Returns:
         The field, in the world frame, and its file in the cache.

@@ -27,9 +27,10 @@ def chosen_checkpoint(config: RunConfig) -> Path:
     if not config.policy:
         return checkpoint_folder(config.seed, config.checkpoint, config.recipe)
     checkpoint = Checkpoint.from_path(config.policy)
-    if checkpoint.type != GUIDED and config.guidance_scale:
+    if checkpoint.type != GUIDED and config.guidance_scale != 0 and config.method != "direct":
+        scale = "null" if config.guidance_scale is None else f"{config.guidance_scale:g}"
         raise SettingError(
-            f"lambda={config.guidance_scale:g} needs a policy of type {GUIDED}, whose sampling can be guided. "
+            f"lambda={scale} needs a policy of type {GUIDED}, whose sampling can be guided. "
             f"{config.policy} is of type {checkpoint.type}: use lambda=0."
         )
     return checkpoint.folder

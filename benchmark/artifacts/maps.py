@@ -13,6 +13,7 @@ from benchmark.settings.command import SettingError, check_setting
 from benchmark.settings.config import SOURCE, EnergyConfig, MapConfig
 
 if TYPE_CHECKING:
+    from envs.arm.placed_arm import PlacedArm
     from richmap.geometry.grid import Grid
     from richmap.maps.construction import BuildProgress
     from richmap.maps.reachability_map import Construction, ReachabilityMap
@@ -124,6 +125,20 @@ def compared_maps(
     source_map = robot_map(source, (0.0, 0.0, 0.0), config, workers, console)
     same = target == source and not any(base)
     return source_map, source_map if same else robot_map(target, base, config, workers, console)
+
+
+def arm_energy_field(
+    arm: "PlacedArm", map_config: MapConfig, config: EnergyConfig, workers: int, console: Console
+) -> tuple["EnergyField", Path]:
+    """The field of an arm as it stands, against the source."""
+    return energy_field(arm.description.turned(arm.yaw), arm.base, map_config, config, workers, console)
+
+
+def arm_maps(
+    arm: "PlacedArm", config: MapConfig, workers: int, console: Console
+) -> tuple["ReachabilityMap", "ReachabilityMap"]:
+    """The maps of the source and of an arm as it stands."""
+    return compared_maps(arm.description.turned(arm.yaw), arm.base, config, workers, console)
 
 
 def energy_field(

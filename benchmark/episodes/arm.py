@@ -8,12 +8,12 @@ import numpy as np
 
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import OracleConfig, RunConfig
-from benchmark.settings.task import chosen_task
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from envs.arm.placed_arm import PlacedArm
+    from envs.task import Task
 
 BASE = ["base_x", "base_y", "base_z"]
 """Columns of the position of an arm's base, in [m]."""
@@ -28,15 +28,15 @@ DECIMALS = 6
 """Of postures in rows, in [rad]: one that was found differs in the last bits from processor to processor."""
 
 
-def chosen_arm(config: RunConfig | OracleConfig) -> "PlacedArm":
-    """The setting's arm with the single choices replaced.
+def chosen_arm(config: RunConfig | OracleConfig, task: "Task") -> "PlacedArm":
+    """The setting's arm with the single choices replaced, as it does a task.
 
     Raises:
         SettingError: If the arm cannot hold its tool over the task's start so.
     """
     from envs.arm.place_arm import place_arm
 
-    poses = chosen_task(config.task).poses
+    poses = task.poses
     try:
         return _able(place_arm(config.robot.load(), poses, config.setting, **vars(config.arm)), poses.start)
     except ValueError as error:

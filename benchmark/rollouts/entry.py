@@ -11,9 +11,10 @@ from omegaconf import DictConfig, OmegaConf
 from yaml import AliasToken, YAMLError, scan
 
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
+from benchmark.artifacts.fields import guidance_field
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.rollouts.guidance_class import GuidanceClass
-from benchmark.rollouts.make_rollout import guidance_field, make_condition
+from benchmark.rollouts.make_rollout import make_condition
 from benchmark.settings.command import SettingError, typed
 from benchmark.settings.config import EntryConfig, RunConfig
 from benchmark.settings.task import chosen_task
@@ -124,11 +125,13 @@ class Entry:
         from benchmark.episodes.arm import chosen_arm
         from benchmark.rollouts.rollout import Rollout
 
-        arm, about = chosen_arm(config), self.about
+        task, about = chosen_task(config.task), self.about
+        arm = chosen_arm(config, task)
         if about.policy and Checkpoint(checkpoint).type == GUIDED:
             sampler, steps = Checkpoint(checkpoint).sampler  # As it was saved, whatever ours are sampled by.
             config = replace(config, sampler=sampler, sampling_steps=steps)
-        field, path = guidance_field(None if about.field == "none" else about.field, arm, config, console)
+        kind = None if about.field == "none" else about.field
+        field, path = guidance_field(kind, arm, config.map, config.energy, config.workers, console)
         condition = make_condition(config, arm, about.name, about.scale, checkpoint, field, self.files_hash)
         guidance = self._guidance()
         if guidance is not None:
@@ -140,7 +143,7 @@ class Entry:
                 raise SettingError(
                     f"{guidance.file}: {guidance.name}(field, scale, base, seed) raised {type(error).__name__}: {error}"
                 ) from error
-        return Rollout(chosen_task(config.task), arm, condition, checkpoint, path, guidance)
+        return Rollout(task, arm, condition, checkpoint, path, guidance, kind)
 
     def _guidance(self) -> GuidanceClass | None:
         """Its class, if it brings one."""

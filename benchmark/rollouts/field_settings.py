@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import EnergyConfig, MapConfig, RunConfig
+from benchmark.settings.config import SOURCE, EnergyConfig, MapConfig, RunConfig
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:
@@ -22,19 +22,15 @@ VERSION = 1
 
 def note_settings(output_dir: Path, rollouts: "Sequence[Rollout]", config: RunConfig) -> None:
     """Write `fields/<fingerprint>.json` for each energy field of some rollouts, if it is not there."""
-    from richmap.similarity.energy import EnergyField
-    from richmap.similarity.load_field import load_field
-
     for rollout in rollouts:
-        file = output_dir / _name(rollout.condition.field_fingerprint)
-        if rollout.field is None or file.exists():
+        condition = rollout.condition
+        file = output_dir / _name(condition.field_fingerprint)
+        if rollout.kind != "energy" or file.exists():  # A distance is made of the arm alone.
             continue
-        field = load_field(rollout.field)
-        if not isinstance(field, EnergyField):  # A distance is made of the arm alone.
-            continue
+        about = {"source": SOURCE, "target": condition.robot, "fingerprint": condition.field_fingerprint}
         settings = {"map": asdict(config.map), "energy": asdict(config.energy)}
         with replacing(file) as path:
-            path.write_text(json.dumps({"version": VERSION} | field.about | settings, indent=1) + "\n")
+            path.write_text(json.dumps({"version": VERSION} | about | settings, indent=1) + "\n")
 
 
 def noted_settings(table: Path, fingerprint: str) -> tuple[MapConfig, EnergyConfig] | None:

@@ -1,12 +1,15 @@
 """What is rolled out, from the settings of `benchmark.run`: the condition with the policy, the arm and the field."""
 
-from functools import cache
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
+from benchmark.artifacts.fields import guidance_field
+from benchmark.episodes.arm import chosen_arm
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import EnergyConfig, MapConfig, RunConfig
+from benchmark.settings.config import RunConfig
 from benchmark.settings.task import chosen_task
 from policies.methods import METHODS
 
@@ -16,18 +19,44 @@ if TYPE_CHECKING:
     from benchmark.episodes.episode import Condition
     from benchmark.rollouts.rollout import Rollout
     from envs.arm.placed_arm import PlacedArm
+    from envs.task import Task
     from richmap.similarity.load_field import StoredField
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What settings name, each looked up once: the task, the arm, the policy, and the field of the method."""
+
+    config: RunConfig
+    task: "Task"
+    arm: "PlacedArm"
+    checkpoint: Path
+    console: "Console"
+
+    @cached_property
+    def field(self) -> "tuple[StoredField | None, Path | None]":
+        """What the method looks at, and its file; built if it is not in the cache."""
+        c = self.config
+        return guidance_field(METHODS[c.method].field, self.arm, c.map, c.energy, c.workers, self.console)
+
+    def rollout(self, scale: float) -> "Rollout":
+        """What is rolled out there at a scale; direct transfer at 0."""
+        from benchmark.rollouts.rollout import Rollout
+
+        method, (field, file) = (self.config.method, self.field) if scale else ("direct", (None, None))
+        condition = make_condition(self.config, self.arm, method, scale, self.checkpoint, field)
+        return Rollout(self.task, self.arm, condition, self.checkpoint, file, kind=METHODS[method].field)
+
+
+def set_stage(config: RunConfig, checkpoint: Path, console: "Console") -> Stage:
+    """The stage of a run's settings."""
+    task = chosen_task(config.task)
+    return Stage(config, task, chosen_arm(config, task), checkpoint, console)
 
 
 def make_rollout(config: RunConfig, scale: float, checkpoint: Path, console: "Console") -> "Rollout":
     """What is rolled out at one lambda; builds the field if one is needed and not in the cache."""
-    from benchmark.episodes.arm import chosen_arm
-    from benchmark.rollouts.rollout import Rollout
-
-    arm, method = chosen_arm(config), config.method if scale > 0 else "direct"
-    field, path = guidance_field(METHODS[method].field, arm, config, console)
-    condition = make_condition(config, arm, method, scale, checkpoint, field)
-    return Rollout(chosen_task(config.task), arm, condition, checkpoint, path)
+    return set_stage(config, checkpoint, console).rollout(scale)
 
 
 def make_condition(
@@ -76,30 +105,3 @@ def make_condition(
         episode_version=task.episode_version(arm.setting),
         entry_hash=entry_hash,
     )
-
-
-def guidance_field(
-    kind: str | None, arm: "PlacedArm", config: RunConfig, console: "Console"
-) -> tuple["StoredField | None", Path | None]:
-    """The field of a kind (`policies.methods.Method.field`) for this arm, and its file; None for None."""
-    return _field(kind, arm, config.map, config.energy, config.workers, console)
-
-
-@cache
-def _field(
-    kind: str | None,
-    arm: "PlacedArm",
-    of_map: MapConfig,
-    energy: EnergyConfig,
-    workers: int,
-    console: "Console",
-) -> tuple["StoredField | None", Path | None]:
-    from benchmark.artifacts.distance_field import distance_field
-    from benchmark.artifacts.maps import energy_field
-
-    match kind:
-        case "energy":
-            return energy_field(arm.description.turned(arm.yaw), arm.base, of_map, energy, workers, console)
-        case "feasibility":
-            return distance_field(arm, console)
-    return None, None

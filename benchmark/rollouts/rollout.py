@@ -41,6 +41,15 @@ class Rollout:
     """The field that guidance looks at; None without one."""
     guidance: GuidanceClass | None = None
     """The class of a method that is not ours; None for ours, and for an entry that brings a policy alone."""
+    kind: str | None = None
+    """Of the field (`policies.methods.Method.field`)."""
+
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Of the task's observations and actions, by LeRobot's names."""
+        space = self.task.space
+        layouts = {OBSERVED["agent_pos"]: space.state, OBSERVED["environment_state"]: space.environment}
+        return {name: (layout.width,) for name, layout in (layouts | {"action": space.action}).items()}
 
 
 def roll_out(rollout: Rollout, seeds: Iterable[int], workers: int) -> Iterator[list[Episode]]:
@@ -86,7 +95,7 @@ def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], No
     policy = load_policy(rollout)
     policy.reset(sorted(seed_of))
     environments = {slot: _environment(rollout, slot, watch is not None) for slot in seed_of}
-    shapes = _shapes(rollout.task)
+    shapes = rollout.shapes
     batch = {name: np.zeros((shape, *shapes[name]), np.float32) for name in OBSERVED.values()}
     infos: dict[int, list[dict]] = {slot: [] for slot in seed_of}
 
@@ -124,10 +133,10 @@ def _actions(
     from policies.noise import episode_noise
 
     with torch.inference_mode():
-        if not isinstance(policy, GuidedPushPolicy):
-            return policy.select_action(batch, max(seeds) // len(seeds), step).numpy()
-        noise = episode_noise(seeds, step, policy.noise_shape)
-        return policy.select_action(batch, noise=noise.to(policy.config.device)).cpu().numpy()
+        if isinstance(policy, GuidedPushPolicy):
+            noise = episode_noise(seeds, step, policy.noise_shape).to(policy.config.device)
+            return policy.select_action(batch, noise=noise).cpu().numpy()
+        return policy.select_action(batch, max(seeds) // len(seeds), step).numpy()
 
 
 def _check_actions(actions: np.ndarray, rollout: Rollout) -> None:
@@ -145,8 +154,8 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
     if Checkpoint(rollout.checkpoint).type != GUIDED:
         from benchmark.rollouts.stock_policy import StockPolicy
 
-        return StockPolicy(rollout.checkpoint, rollout.condition.device, _shapes(rollout.task))
-    config = checked_config(rollout.checkpoint, _shapes(rollout.task))
+        return StockPolicy(rollout.checkpoint, rollout.condition.device, rollout.shapes)
+    config = checked_config(rollout.checkpoint, rollout.shapes)
     config.device = rollout.condition.device
     if rollout.condition.method in METHODS:
         config.guidance, config.guidance_scale = rollout.condition.method, rollout.condition.guidance_scale
@@ -165,16 +174,6 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
             config.space.action.width,
         )
     return policy.to(rollout.condition.device).eval()
-
-
-def _shapes(task: Task) -> dict[str, tuple[int, ...]]:
-    """Shapes of observations and actions, by LeRobot's names."""
-    layouts = {
-        "observation.state": task.space.state,
-        "observation.environment_state": task.space.environment,
-        "action": task.space.action,
-    }
-    return {name: (layout.width,) for name, layout in layouts.items()}
 
 
 def _environment(rollout: Rollout, slot: int, render: bool) -> gymnasium.Env:

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 from benchmark.episodes.arm import ARM
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import pandas as pd
 
     from envs.task import Task
@@ -16,9 +18,9 @@ METHOD = ["method", "cell_size", "field_fingerprint"]
 """And these: slopes of two fields are of two sizes, so that a scale holds for one of them."""
 
 
-def scale_table(episodes: "pd.DataFrame", task: "Task") -> "pd.DataFrame":
-    """A row per arm, method, field and scale, over all checkpoints: n, the task's `headline` scores, and differences to
-    direct transfer.
+def scale_table(episodes: "pd.DataFrame", task: "Task", names: "Sequence[str]" = ()) -> "pd.DataFrame":
+    """A row per arm, method, field and scale, over all checkpoints: n, these scores or the task's `headline`, and
+    differences to direct transfer.
 
     Differences are paired: same checkpoint, same episode. `chosen` is the scale that ranks first, of equal ones the
     smallest; of those that were rolled out whole, on every episode of direct transfer's. Intervals are for other
@@ -42,7 +44,7 @@ def scale_table(episodes: "pd.DataFrame", task: "Task") -> "pd.DataFrame":
                 "checkpoints": point.checkpoint_hash.nunique(),
                 "whole": 0 < len(pairs) == len(direct),
             }
-            for name in task.headline:
+            for name in names or task.headline:
                 less = pairs[name].astype(float) - pairs[f"{name}_direct"].astype(float)
                 rate, difference = (
                     clustered_mean(crossed(point, point[name])),

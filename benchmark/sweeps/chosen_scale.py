@@ -1,32 +1,37 @@
 """Chosen scale."""
 
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from benchmark.episodes.arm import arm_name
 from benchmark.scoring.scale_table import CHOSEN_FOR, scale_table
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import FIRST_TEST_SEED, RunConfig
-from benchmark.settings.task import chosen_task
 from policies.methods import METHODS
 
 if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
 
+    from benchmark.rollouts.make_rollout import Stage
     from benchmark.rollouts.rollout import Rollout
+    from envs.arm.placed_arm import PlacedArm
     from envs.task import Task
 
 
 def rollouts_of(config: RunConfig, console: "Console") -> "list[Rollout]":
-    """What settings ask for: direct transfer, and guidance at their scale unless that is 0."""
-    from benchmark.artifacts.known_policies import chosen_checkpoint
-    from benchmark.rollouts.make_rollout import make_rollout
+    """What settings ask for: direct transfer, and guidance at their scale, or the one that was chosen, unless it is 0.
 
-    config = with_scale(config)
-    checkpoint = chosen_checkpoint(config)
-    return [make_rollout(config, scale, checkpoint, console) for scale in sorted({0.0, config.guidance_scale or 0.0})]
+    Raises:
+        SettingError: If none was chosen, or the policy is not there or cannot be guided.
+    """
+    from benchmark.artifacts.known_policies import chosen_checkpoint
+    from benchmark.rollouts.make_rollout import set_stage
+
+    stage = set_stage(config, chosen_checkpoint(config), console)
+    scale = chosen_scale(stage) if config.guidance_scale is None else config.guidance_scale
+    return [stage.rollout(each) for each in sorted({0.0, scale})]
 
 
 def note_on_tuning(config: RunConfig) -> str:
@@ -39,41 +44,21 @@ def note_on_tuning(config: RunConfig) -> str:
     )
 
 
-def with_scale(config: RunConfig) -> RunConfig:
-    """The same settings with the scale that was chosen on validation episodes, if they leave it open.
-
-    Raises:
-        SettingError: If none was chosen.
-    """
-    if config.guidance_scale is not None:
-        return config
-    if config.method == "direct":
-        return replace(config, guidance_scale=0.0)
-    return replace(config, guidance_scale=chosen_scale(config))
-
-
-def chosen_scale(config: RunConfig) -> float:
-    """The scale of the settings' method that was chosen for their arm and field, in `config.scales_dir`.
+def chosen_scale(stage: "Stage") -> float:
+    """The scale of a method that was chosen for an arm and a field, in `config.scales_dir`; 0 for direct transfer.
 
     Raises:
         SettingError: If none was.
     """
-    from rich.console import Console
-
-    from benchmark.artifacts.known_policies import chosen_checkpoint
-    from benchmark.episodes.arm import chosen_arm
-    from benchmark.rollouts.make_rollout import guidance_field, make_rollout
-
-    console, direct = Console(quiet=True), replace(config, guidance_scale=0.0)
-    condition = make_rollout(direct, 0.0, chosen_checkpoint(direct), console).condition
-    arm = tuple(getattr(condition, name) for name in CHOSEN_FOR)
-    folder = arm_folder(config.scales_dir, config)
-    chosen = _chosen(folder, chosen_task(config.task)).get((*arm, config.method), {})
-    if chosen:
-        field, _ = guidance_field(METHODS[config.method].field, chosen_arm(config), config, console)
-        fingerprint = field.about["fingerprint"] if field else ""
-        if fingerprint in chosen:
-            return chosen[fingerprint]
+    config = stage.config
+    if config.method == "direct":
+        return 0.0
+    direct = stage.rollout(0.0).condition
+    arm = tuple(getattr(direct, name) for name in CHOSEN_FOR)
+    folder = arm_folder(config.scales_dir, config.recipe, stage.arm)
+    chosen = _chosen(folder, stage.task).get((*arm, config.method), {})
+    if chosen and (fingerprint := stage.rollout(1.0).condition.field_fingerprint) in chosen:
+        return chosen[fingerprint]
     raise SettingError(
         f"lambda=null: {folder} has no scale of method={config.method} for {config.robot.name}, "
         f"{config.setting}{' with the field of these settings' if chosen else ''}. Choose one: python -m "
@@ -96,11 +81,9 @@ def _chosen(folder: Path, task: "Task") -> dict[tuple, dict[str, float]]:
     return chosen
 
 
-def arm_folder(output_dir: str, config: RunConfig) -> Path:
-    """Where the scales of a run's policies are, on its arm as it stands."""
-    from benchmark.episodes.arm import arm_name, chosen_arm
-
-    return Path(output_dir) / config.recipe / arm_name(chosen_arm(config))
+def arm_folder(output_dir: str, recipe: str, arm: "PlacedArm") -> Path:
+    """Where the scales of a recipe's policies are, on an arm as it stands."""
+    return Path(output_dir) / recipe / arm_name(arm)
 
 
 def read_methods(folder: Path, task: "Task", seeds: range) -> "pd.DataFrame":

@@ -5,51 +5,39 @@ description: from its settings `benchmark.build_maps` builds the same file again
 """
 
 import json
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable
 from dataclasses import asdict
-from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from benchmark.artifacts.wandb_run import _checkpoint, _use, start_experiment
-from benchmark.settings.config import SETTINGS, MapConfig, RunConfig, WandbConfig
-from policies.methods import METHODS
+from benchmark.settings.config import RunConfig, WandbConfig
 
 if TYPE_CHECKING:
     import pandas as pd
     import wandb
 
     from benchmark.rollouts.rollout import Rollout
-    from envs.arm.placed_arm import PlacedArm
     from envs.task import Task
     from richmap.maps.reachability_map import ReachabilityMap
 
 
 def log_field(config: RunConfig, rollout: "Rollout", group: str) -> None:
-    """The field that guidance looks at as a W&B run, once in a process: it uses the maps, and makes the field."""
+    """The field that guidance looks at as a W&B run: it uses the maps, and makes the field."""
     if config.wandb.mode == "disabled" or rollout.field is None:
         return
-    kind = METHODS[rollout.condition.method].field
-    _log_field(kind, rollout.arm, config.map, config.workers, rollout.field, config.wandb, group)
-
-
-@cache
-def _log_field(
-    kind: str, arm: "PlacedArm", of_map: MapConfig, workers: int, field: Path, config: WandbConfig, group: str
-) -> None:
     from rich.console import Console
 
-    from benchmark.artifacts.maps import compared_maps
+    from benchmark.artifacts.fields import made_of
 
-    maps: Sequence[ReachabilityMap] = ()
-    if kind == "energy":
-        maps = compared_maps(arm.description.turned(arm.yaw), arm.base, of_map, workers, Console(quiet=True))
+    arm, kind, of_map = rollout.arm, rollout.kind, config.map
     about = {"field": kind, "robot": arm.robot, "base": arm.base, "map": asdict(of_map)}
-    with start_experiment(config, f"{kind} field, {arm.robot}", group, "field", about) as run:
-        for reachability_map in maps:
+    with start_experiment(config.wandb, f"{kind} field, {arm.robot}", group, "field", about) as run:
+        for reachability_map in made_of(kind, arm, of_map, config.workers, Console(quiet=True)):
             _use(run, _map(reachability_map))
-        run.log_artifact(_field(field))
+        run.log_artifact(_field(rollout))
 
 
 def log_evaluation(config: RunConfig, rollout: "Rollout", episodes: "pd.DataFrame", group: str) -> None:
@@ -78,7 +66,7 @@ def log_evaluation(config: RunConfig, rollout: "Rollout", episodes: "pd.DataFram
     with start_experiment(config.wandb, name, group, "evaluation", settings) as run:
         _use(run, _checkpoint(rollout.checkpoint))
         if rollout.field:
-            _use(run, _field(rollout.field))
+            _use(run, _field(rollout))
         run.define_metric("*", step_metric="lambda")
         run.log(point | failed | {"episodes": wandb.Table([*episodes], cells)})
         if config.wandb.video:
@@ -100,27 +88,22 @@ def log_curves(task: "Task", config: WandbConfig, tables: "Iterable[pd.DataFrame
         return
     import pandas as pd
 
-    from benchmark.episodes.arm import ARM
-    from benchmark.scoring.ranking import SAMPLING, Protocol, leaderboard
+    from benchmark.scoring.scale_table import CHOSEN_FOR, scale_table
 
-    alike = [*ARM, *SAMPLING, "episode_version"]
-    episodes = pd.concat(stored, ignore_index=True)
-    by_hash = episodes.assign(checkpoint=episodes.checkpoint_hash)  # Two policies may go by one name.
-    seeds, policies = episodes.episode_seed.nunique(), by_hash.checkpoint.nunique()
-    slots = episodes.batch_size.iloc[0]  # Those of other batches are other curves.
-    protocol = Protocol("sweep", SETTINGS, seeds, slots, policies, task.score_names, best_only=False)
-    points = leaderboard(by_hash, protocol, task)
+    points = scale_table(pd.concat(stored, ignore_index=True), task, task.score_names)
     shown = [f"{score}{end}" for score in task.score_names for end in ("", "_low", "_high", "_difference")]
-    guided = points[points.method != "direct"]
-    for _, curve in guided.groupby([*alike, "method", "field_fingerprint", "entry_hash"], sort=False):
+    is_direct = points.method == "direct"
+    points.loc[is_direct, [name for name in shown if name.endswith("_difference")]] = math.nan  # To itself.
+    guided = points[~is_direct]
+    for _, curve in guided.groupby([*CHOSEN_FOR, "method", "field_fingerprint"], sort=False):
         first = curve.iloc[0]
-        unguided = points[(points.method == "direct") & (points[alike] == first[alike]).all(axis=1)]
+        alike = (points[CHOSEN_FOR] == first[CHOSEN_FOR]).all(axis=1)
         name = f"{first.robot}-{first.setting}-{first.method}"
-        with start_experiment(config, name, group, "curve", first[[*alike, "method"]].to_dict()) as run:
+        with start_experiment(config, name, group, "curve", first[[*CHOSEN_FOR, "method"]].to_dict()) as run:
             run.define_metric("curve/*", step_metric="lambda")
-            for part in (unguided, curve.sort_values("lambda")):
+            for part in (points[alike & is_direct], curve.sort_values("lambda")):
                 for _, row in part[["n", *shown]].add_prefix("curve/").assign(**{"lambda": part["lambda"]}).iterrows():
-                    run.log(row.dropna().to_dict())  # Direct transfer has no difference to itself.
+                    run.log(row.dropna().to_dict())
 
 
 def _log_video(run: "wandb.Run", rollout: "Rollout", seed: int) -> None:
@@ -139,15 +122,14 @@ def _log_video(run: "wandb.Run", rollout: "Rollout", seed: int) -> None:
         run.log({"video": wandb.Video(str(file), format="gif")})
 
 
-def _field(file: Path) -> "wandb.Artifact":
-    """A field's file; like a checkpoint's it is not copied."""
+def _field(rollout: "Rollout") -> "wandb.Artifact":
+    """The file of a rollout's field; like a checkpoint's it is not copied."""
     import wandb
 
-    from richmap.similarity.load_field import load_field
-
-    about = load_field(file).about
+    condition = rollout.condition
+    about = {"kind": rollout.kind, "target": condition.robot, "fingerprint": condition.field_fingerprint}
     artifact = wandb.Artifact(f"field-{about['target']}-{about['fingerprint'][:12]}", type="field", metadata=about)
-    artifact.add_file(str(file.resolve()), policy="immutable", skip_cache=True)
+    artifact.add_file(str(rollout.field.resolve()), policy="immutable", skip_cache=True)
     return artifact
 
 

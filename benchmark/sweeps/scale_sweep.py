@@ -1,11 +1,12 @@
 """Scale sweep."""
 
 from dataclasses import dataclass, field, fields, replace
-from functools import cache
 from pathlib import Path
 from statistics import mean
 from typing import TYPE_CHECKING
 
+from benchmark.artifacts.fields import guidance_field
+from benchmark.episodes.arm import chosen_arm
 from benchmark.scoring.scale_table import CHOSEN_FOR
 from benchmark.settings.command import check_setting
 from benchmark.settings.config import ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig, robot_field
@@ -84,7 +85,8 @@ class ScalesConfig:
     @property
     def folder(self) -> Path:
         """Of the recipe's policies on the arm."""
-        return arm_folder(self.output_dir, self.run(self.seeds[0]))
+        run = self.run(self.seeds[0])
+        return arm_folder(self.output_dir, self.recipe, chosen_arm(run, chosen_task(self.task)))
 
     def run(self, seed: int) -> RunConfig:
         """Settings of direct transfer with the policy of one training seed."""
@@ -106,13 +108,9 @@ def budget(config: ScalesConfig) -> str:
 
 def method_fields(config: ScalesConfig, console: "Console") -> "dict[str, tuple[StoredField | None, Path | None]]":
     """The field that each method looks at, and its file; those of one kind are built once."""
-    from benchmark.episodes.arm import chosen_arm
-    from benchmark.rollouts.make_rollout import guidance_field
-
-    run = config.run(config.seeds[0])
-    arm = chosen_arm(run)
-    of_kind = cache(lambda kind: guidance_field(kind, arm, run, console))
-    return {method: of_kind(METHODS[method].field) for method in config.methods}
+    arm = chosen_arm(config.run(config.seeds[0]), chosen_task(config.task))
+    settings = config.map, config.energy, config.workers, console
+    return {method: guidance_field(METHODS[method].field, arm, *settings) for method in config.methods}
 
 
 def guided(direct: "Rollout", method: str, scale: float, field: "StoredField | None", path: Path | None) -> "Rollout":
@@ -121,7 +119,7 @@ def guided(direct: "Rollout", method: str, scale: float, field: "StoredField | N
     if field is not None:
         fingerprint, cell_size = field.about["fingerprint"], field.grid.cell_size
         condition = replace(condition, field_fingerprint=fingerprint, cell_size=cell_size)
-    return replace(direct, field=path, condition=condition)
+    return replace(direct, field=path, kind=METHODS[method].field, condition=condition)
 
 
 def sweep(

@@ -52,13 +52,12 @@ def place_arm(
         raise ValueError(f"base is x, y, z in metres. Got {len(base)} numbers: {tuple(base)}")
     if orientation_weight is not None and not orientation_weight > 0:
         raise ValueError(f"orientation_weight must be above 0 m/rad. Got {orientation_weight}")
-    description = load_robot(robot) if isinstance(robot, str) else robot
-    file = _file_of(description)
+    description, file = _description_and_file(robot)
     given = {
         "base": base, "yaw": yaw, "branch": branch, "self_collision": self_collision,
         "orientation_weight": orientation_weight,
     }  # fmt: skip
-    usual = usual_choices(file.path.stem if file else "", setting)
+    usual = _usual(file, setting)
     chosen = usual | {name: value for name, value in given.items() if value is not None}
     if chosen["base"] is None:
         raise ValueError(
@@ -90,9 +89,14 @@ def usual_choices(robot: str, setting: str) -> dict[str, Any]:
     Raises:
         ValueError: If there is no such setting.
     """
+    return _usual(robot_file(robot) if robot in ROBOTS else None, setting)
+
+
+def _usual(file: RobotFile | None, setting: str) -> dict[str, Any]:
+    """The same of an arm's file; None for one that does not ship."""
     if setting not in BINDS:
         raise ValueError(f"There is no setting {setting!r}. Settings: {', '.join(BINDS)}")
-    stand = robot_file(robot).settings.get(setting, Stand(FOUND)) if robot in ROBOTS else Stand(FOUND)
+    stand = file.settings.get(setting, Stand(FOUND)) if file else Stand(FOUND)
     base = COMMON_BASE if stand.base is None and setting != "best" else stand.base
     binds = BINDS[setting]
     return {
@@ -103,17 +107,18 @@ def usual_choices(robot: str, setting: str) -> dict[str, Any]:
 
 def other_branches(arm: PlacedArm, poses: TaskPoses) -> list[PlacedArm]:
     """The same arm in the other branches that its file states."""
-    file = _file_of(arm.description)
+    _, file = _description_and_file(arm.description)
     names = [name for name in file.branches if name != arm.branch] if file else []
     alike: dict[str, Any] = {"base": arm.base, "yaw": arm.yaw, "self_collision": arm.self_collision}
     alike["orientation_weight"] = arm.orientation_weight
     return [place_arm(arm.description, poses, arm.setting, branch=name, **alike) for name in names]
 
 
-def _file_of(description: RobotDescription) -> RobotFile | None:
-    """The file of an arm that ships; None for another arm, also for one that goes by such a name."""
-    shipped = description.name in ROBOTS and load_robot(description.name) == description
-    return robot_file(description.name) if shipped else None
+def _description_and_file(robot: str | RobotDescription) -> tuple[RobotDescription, RobotFile | None]:
+    """An arm, and its file if it ships; None for another arm, also for one that goes by such a name."""
+    name = robot if isinstance(robot, str) else robot.name
+    shipped = load_robot(name) if isinstance(robot, str) or name in ROBOTS else None
+    return (shipped, robot_file(name)) if robot in (name, shipped) else (robot, None)
 
 
 @lru_cache
