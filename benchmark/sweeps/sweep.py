@@ -83,7 +83,7 @@ def _sum_up(folder: Path, wandb: WandbConfig, task: str, beside: Path) -> None:
     import pandas as pd
 
     from benchmark.artifacts.wandb_run import unharmed
-    from benchmark.episodes.table import IDENTITY
+    from benchmark.episodes.episode import IDENTITY
     from benchmark.scoring.own_results import show_results
     from benchmark.sweeps.experiment_log import log_curves
 
