@@ -122,3 +122,15 @@ def test_the_fingerprint_is_of_description_and_convex_parts(monkeypatch):
 def test_workspace_holds_the_poses_that_are_asked_for():
     points = POSES.points()
     assert (points >= WORKSPACE[0]).all() and (points <= WORKSPACE[1]).all()
+
+
+def test_a_posture_can_be_given_and_is_not_sought():
+    typed = block_push_arm("ur3")
+    joints = start_posture(typed, typed.kinematics(), POSES.start)
+    arm = block_push_arm("ur3", branch=FOUND, posture=joints.tolist())
+    assert arm.posture == pytest.approx(joints, abs=1e-6)
+    assert start_posture(arm, arm.kinematics(), POSES.start) == pytest.approx(joints, abs=1e-5)
+    with pytest.raises(ValueError, match="A posture goes with the branch found"):
+        block_push_arm("ur3", posture=joints.tolist())
+    with pytest.raises(ValueError, match="ur3 has 6 joints. Got a posture of 3"):
+        block_push_arm("ur3", branch=FOUND, posture=[0.0, 0.0, 0.0])

@@ -111,11 +111,15 @@ def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> 
         config: Settings of the field, but for the size of its cells.
         guided: Whether the policy is of our type, whose sampler is set.
     """
+    from envs.arm.placed_arm import FOUND
+
     energy = row["method"] in METHODS and METHODS[row["method"]].field == "energy"
+    branch = branch_of(row)
     arm = ArmConfig(
         base=[*base_of(row)],
         yaw=float(row["base_yaw"]),
-        branch=branch_of(row),
+        branch=branch,
+        posture=list(row["posture"]) if branch == FOUND else None,
         self_collision=row["self_collision"],
         orientation_weight=row["orientation_weight"],
     )

@@ -177,6 +177,9 @@ class ArmConfig:
     branch: str | None = None
     """Way of holding the tool: one that the arm's file names (a UR's wrist_out or wrist_in), or found (the best that is
     found); null for the setting's."""
+    posture: list[float] | None = None
+    """With the branch found: joint angles over the task's start that name it, in rad, instead of seeking them; null to
+    seek them."""
     self_collision: bool | None = None
     """Whether links collide with each other, true or false; null for the setting's."""
     orientation_weight: float | None = None

@@ -34,7 +34,7 @@ what is between them."""
 
 @dataclass
 class PlaceBasesConfig:
-    """Finds where each target arm stands best for this task, by its reachability map, and its wrist's branch there."""
+    """Finds where each target arm stands best for this task, by its reachability map, and its branch there."""
 
     robots: list[str] = field(default_factory=lambda: ["ur3", "ur5", "ur10"])
     """Arms, as in robots=[ur3,ur5]."""
@@ -69,7 +69,7 @@ class CandidateBases:
     path: np.ndarray
     """Flange positions that the task takes, (n, 3), in [m]."""
     shares: dict[str, dict[int, float]]
-    """By wrist branch and candidate: share of the path's positions over which the tool can be held upright in that
+    """By branch and candidate: share of the path's positions over which the tool can be held upright in that
     branch. For the candidates of the shortlist and for those along x at y = 0."""
 
     @property
@@ -79,13 +79,13 @@ class CandidateBases:
 
     @property
     def chosen(self) -> tuple[int, str]:
-        """Candidate and wrist with the largest feasible share of the shortlist; of equal ones the highest score."""
-        pairs = [(int(i), wrist) for i in self.shortlist for wrist in self.shares]
+        """Candidate and branch with the largest feasible share of the shortlist; of equal ones the highest score."""
+        pairs = [(int(i), branch) for i in self.shortlist for branch in self.shares]
         return max(pairs, key=lambda pair: (round(self.shares[pair[1]][pair[0]], 3), self.placement.score[pair[0]]))
 
 
 def main(config: PlaceBasesConfig) -> None:
-    """Score places for each arm's base by its map, choose the wrist there by feasibility, and write both down."""
+    """Score places for each arm's base by its map, choose the branch there by feasibility, and write both down."""
     from rich.console import Console
 
     from benchmark.artifacts.maps import robot_map
@@ -98,8 +98,8 @@ def main(config: PlaceBasesConfig) -> None:
     for name in config.robots:
         of_arm = robot_map(load_robot(name), (0.0, 0.0, 0.0), config.map, config.workers, console)
         arms.append(place(of_arm, path[:: config.stride], config.margin, console))
-        chosen, wrist = arms[-1].chosen
-        console.print(f"{name}: base {arms[-1].placement.bases[chosen, :3].tolist()} m, wrist {wrist}")
+        chosen, branch = arms[-1].chosen
+        console.print(f"{name}: base {arms[-1].placement.bases[chosen, :3].tolist()} m, branch {branch}")
     with replacing(output_dir / "base_placement.md") as file:
         file.write_text(markdown(arms, config))
     figure = output_dir / "figures" / "base_placement.png"
@@ -173,13 +173,13 @@ The map holds every branch of the arm, while the arm sits in one: its favourite 
 
 
 def markdown(arms: list[CandidateBases], config: PlaceBasesConfig) -> str:
-    """The found bases and wrists, and where map and branch differ."""
+    """The found bases and branches, and where map and branch differ."""
     import pandas as pd
 
     rows, differences = [], []
     for arm in arms:
         bases, score = arm.placement.bases, arm.placement.score
-        chosen, wrist = arm.chosen
+        chosen, branch = arm.chosen
         common = int(np.flatnonzero((bases[:, :2] == 0).all(1))[0])
         for place, index in (("common", common), ("map's favourite", int(np.argmax(score))), ("best", chosen)):
             rows.append(
@@ -190,7 +190,7 @@ def markdown(arms: list[CandidateBases], config: PlaceBasesConfig) -> str:
                     "reached": f"{100 * arm.placement.reachable[index]:.1f} %",
                     "score": f"{score[index]:.3f}",
                     **{w: f"{100 * shares[index]:.1f} %" for w, shares in arm.shares.items()},
-                    "wrist": wrist if place == "best" else "",
+                    "branch": branch if place == "best" else "",
                 }
             )
         along = np.flatnonzero(bases[:, 1] == 0)
@@ -198,7 +198,7 @@ def markdown(arms: list[CandidateBases], config: PlaceBasesConfig) -> str:
         for w, shares in arm.shares.items():
             share = np.array([shares[i] for i in along])
             most = bases[along[share > share.max() - 1e-9], 0]
-            text += f"; wrist {w}: {100 * share.max():.1f} % from x {most.min():.2f} to {most.max():.2f} m"
+            text += f"; {w}: {100 * share.max():.1f} % from x {most.min():.2f} to {most.max():.2f} m"
         differences.append(text + ".")
     return TEXT.format(
         poses=len(arms[0].path), episodes=config.episodes, tilt=TILT, places=len(PLACES_X) * len(PLACES_Y),
@@ -226,8 +226,8 @@ def draw(arms: list[CandidateBases]) -> "Figure":
         along = np.flatnonzero(bases[:, 1] == 0)
         line.plot(PLACES_X, arm.placement.reachable[along], "k:", label="map: reached")
         line.plot(PLACES_X, score[along], "k", label="map: score")
-        for wrist, shares in arm.shares.items():
-            line.plot(PLACES_X, [shares[i] for i in along], label=f"feasible, wrist {wrist}")
+        for branch, shares in arm.shares.items():
+            line.plot(PLACES_X, [shares[i] for i in along], label=f"feasible, {branch}")
         line.set(xlabel="base x [m], y = 0", ylabel="share of the positions", ylim=(0, 1.02))
     above[0].legend(fontsize="x-small", loc="lower right", facecolor="0.8")
     below[0].legend(fontsize="small", loc="lower left")

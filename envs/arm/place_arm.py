@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
-from envs.arm.found_posture import find_posture
+from envs.arm.found_posture import DECIMALS, find_posture
 from envs.arm.placed_arm import FOUND, ORIENTATION_WEIGHT, PlacedArm
 from envs.arm.task_poses import TaskPoses
 from richmap.robots import ROBOTS
@@ -73,9 +73,17 @@ def place_arm(
     arm = PlacedArm(
         description, setting, (x, y, z), posture=stated.posture, branch=name, bounds=stated.bounds, **chosen
     )
+    if name != FOUND and posture is not None:
+        raise ValueError(f"A posture goes with the branch {FOUND}. Here the branch is {name}.")
+    if posture is not None and len(posture) != len(description.joints):
+        raise ValueError(f"{description.name} has {len(description.joints)} joints. Got a posture of {len(posture)}.")
     if name != FOUND:
         return arm
-    return _found(arm, poses) if posture is None else replace(arm, posture=tuple(map(float, posture)))
+    return (
+        _found(arm, poses)
+        if posture is None
+        else replace(arm, posture=tuple(round(float(q), DECIMALS) for q in posture))
+    )
 
 
 def usual_choices(robot: str, setting: str) -> dict[str, Any]:
