@@ -75,7 +75,7 @@ def arm_of(row: Mapping[str, Any]) -> "PlacedArm":
             base=base_of(row),
             yaw=float(row["base_yaw"]),
             branch=branch,
-            posture=row["posture"] if branch == FOUND else None,
+            posture=[*map(float, row["posture"])] if branch == FOUND else None,
             self_collision=bool(row["self_collision"]),
             orientation_weight=float(row["orientation_weight"]),
         )

@@ -119,7 +119,7 @@ def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> 
         base=[*base_of(row)],
         yaw=float(row["base_yaw"]),
         branch=branch,
-        posture=list(row["posture"]) if branch == FOUND else None,
+        posture=[*map(float, row["posture"])] if branch == FOUND else None,
         self_collision=row["self_collision"],
         orientation_weight=row["orientation_weight"],
     )
