@@ -101,7 +101,7 @@ def oracle_alone(row: Mapping[str, Any], task: "Task") -> "Episode":
     from benchmark.rollouts.arm_oracle import ArmOracle, play_chunk
 
     (oracle,) = [name for name, method in ORACLE_METHODS.items() if method == row["method"]]
-    player, seed = ArmOracle(task, arm_of(row), oracle), row["episode_seed"]
+    player, seed = ArmOracle(task, arm_of(row, task), oracle), row["episode_seed"]
     (outcome,) = play_chunk((player, (seed,)))
     return Episode(player.condition, seed, 0, outcome)
 

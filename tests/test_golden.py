@@ -57,11 +57,11 @@ def played(condition: dict, seed: int):
     """Outcome of an episode."""
     if condition["method"] in ORACLE_METHODS.values():
         (oracle,) = [name for name, method in ORACLE_METHODS.items() if method == condition["method"]]
-        return play_chunk((ArmOracle(BLOCK_PUSH, arm_of(condition), oracle), (seed,)))[0]
+        return play_chunk((ArmOracle(BLOCK_PUSH, arm_of(condition, BLOCK_PUSH), oracle), (seed,)))[0]
     field = condition["field_fingerprint"]
     rollout = Rollout(
         BLOCK_PUSH,
-        arm_of(condition),
+        arm_of(condition, BLOCK_PUSH),
         Condition.of(condition),
         checkpoint_folder(int(condition["checkpoint"][4:6])),
         FOLDER / "fields" / f"{field[:16]}.safetensors" if field else None,

@@ -58,19 +58,20 @@ def arm_columns(arm: "PlacedArm") -> dict[str, Any]:
     }
 
 
-def arm_of(row: Mapping[str, Any]) -> "PlacedArm":
-    """The arm of a row, as it stood.
+def arm_of(row: Mapping[str, Any], task: "Task") -> "PlacedArm":
+    """The arm of a row of a task, as it stood.
 
     Raises:
         SettingError: If it is none of those that ship.
     """
+    from envs.arm.place_arm import place_arm
     from envs.arm.placed_arm import FOUND
-    from envs.block_push.arm import block_push_arm
 
     branch = branch_of(row)
     try:
-        return block_push_arm(
+        return place_arm(
             row["robot"],
+            task.poses,
             row["setting"],
             base=base_of(row),
             yaw=float(row["base_yaw"]),

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from markdown_it import MarkdownIt
 
 from benchmark.episodes.arm import setting_text
-from benchmark.scoring.leaderboard_text import PROTOCOL_TEXTS, how_to_read, mechanism_text
+from benchmark.scoring.leaderboard_text import PROTOCOL_TEXTS, how_to_read, mechanism_text, policies_text
 from benchmark.scoring.published import TABLE_3
 from benchmark.settings.config import PAPER_ARMS
-from benchmark.settings.recipe import RECIPES, USUAL
+from benchmark.settings.recipe import USUAL
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,7 +54,8 @@ def page(task: "Task", tables: "dict[Protocol, pd.DataFrame]", figures: Path, re
         "published": {robot: asdict(published) for robot, published in TABLE_3.items()},
         "pictures": pictures(figures),
         "about": f"{sum(row['n'] for row in rows):,} episodes on test seeds from 100000 on; episode version "
-        f"{', '.join(map(str, versions))}; commit {', '.join(commits)}. Policies learned from {RECIPES[recipe]}.",
+        f"{', '.join(map(str, versions))}; commit {', '.join(commits)}. "
+        + policies_text(task, recipe).replace("- **Policies**", "Policies"),
     }
     texts = {"how_to_read": how_to_read(task), "mechanism": mechanism_text(task), "task": task.description}
     prose = {name: MarkdownIt().render(text) for name, text in texts.items()}

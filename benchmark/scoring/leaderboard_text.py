@@ -21,7 +21,7 @@ TEXT = """# Leaderboard
 Made by `python -m benchmark.leaderboard{setting}` from the stored episodes alone. With filters, curves and moving
 pictures: [`leaderboard.html`](leaderboard.html).
 
-- **Policies** learned from {demonstrations}.
+{policies}
 """
 
 HOW_TO_READ = """- **Episodes**: test seeds from 100000 on, by which nothing was chosen; the same for all arms, methods
@@ -71,6 +71,13 @@ def how_to_read(task: Task) -> str:
     return HOW_TO_READ.format(scores=said, success=task.success)
 
 
+def policies_text(task: Task, recipe: str) -> str:
+    """Whose episodes count."""
+    if task.name != TASK:
+        return "- **Policies**: those that ship for this task, or where none do, all that were rolled out."
+    return f"- **Policies** learned from {RECIPES[recipe]}."
+
+
 def mechanism_text(task: Task) -> str:
     """What the columns of the table of what guidance changed are."""
     return f"In percent, then the difference to direct transfer in points. {task.traits_text}"
@@ -83,7 +90,7 @@ def markdown(task: Task, tables: dict[Protocol, pd.DataFrame], recipe: str = USU
         *([f"task={task.name}"] if task.name != TASK else []),
         *([f"recipe={recipe}"] if recipe != USUAL else []),
     ]
-    parts = [TEXT.format(setting=" ".join(given), demonstrations=RECIPES[recipe]) + how_to_read(task)]
+    parts = [TEXT.format(setting=" ".join(given), policies=policies_text(task, recipe)) + how_to_read(task)]
     for protocol, table in tables.items():
         table = in_order(table, protocol)
         parts += [f"## Protocol `{protocol.name}`", PROTOCOL_TEXTS[protocol.name]]

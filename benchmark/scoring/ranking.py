@@ -170,10 +170,11 @@ def _training(episodes: "pd.DataFrame") -> "pd.Series":
 def _direct(on_arm: "pd.DataFrame", group: "pd.DataFrame", foreign: bool) -> "pd.DataFrame":
     """Episodes of direct transfer that a group can be compared with; none for direct transfer itself.
 
-    A policy that is not ours, and that may not even diffuse, is compared with ours as they usually sample.
+    A policy that is not ours, and that may not even diffuse, is compared with ours as they usually sample, or with all
+    where ours do not diffuse.
     """
     sampling = group[SAMPLING].iloc[0].copy()
-    if foreign:
+    if foreign and not on_arm.sampler[on_arm.method == "direct"].eq("none").all():
         sampling[["sampler", "sampling_steps"]] = RunConfig.sampler, RunConfig.sampling_steps
     same = (on_arm[SAMPLING] == sampling).all(axis=1)
     return on_arm[same & (on_arm.method == "direct") & (group.method.iloc[0] != "direct")]
