@@ -20,6 +20,14 @@ def make(robot="xarm6", **arguments):
     return gymnasium.make(ENVIRONMENTS[robot], disable_env_checker=True, **arguments)
 
 
+def scene_with(**values):
+    """The scene of seed 0 with something that it cannot have, whatever checks its types."""
+    scene = draw_scene(0)
+    for name, value in values.items():
+        object.__setattr__(scene, name, value)
+    return scene
+
+
 @pytest.fixture(scope="module")
 def env():
     return make()
@@ -160,8 +168,31 @@ def test_bad_input_is_refused_with_the_way_out(env):
     env.reset(seed=0)
     with pytest.raises(ValueError, match="two finite numbers"):
         env.step(np.array([np.nan, 0.0]))
-    with pytest.raises(ValueError, match="Types: state, environment_state_agent_pos"):
-        make(obs_type="pixels")
+    with pytest.raises(ValueError, match="Types: state, environment_state_agent_pos, pixels, pixels_agent_pos"):
+        make(obs_type="picture")
+    with pytest.raises(ValueError, match="observation_width is a whole number of pixels from 8 to 2048. Got 4096"):
+        make(obs_type="pixels", observation_width=4096)
+
+
+@pytest.mark.parametrize(
+    "options, said",
+    [
+        ({"sceen": None}, "There is no option 'sceen'. Options: scene"),
+        ({"scene": [1, 2, 3]}, "A scene is an envs.block_push.scene.Scene. Got list"),
+        ({"scene": scene_with(block=np.zeros(2))}, "block is 3 finite numbers"),
+        ({"scene": scene_with(target2=np.array([0.3, np.nan, 0.0]))}, "target2 is 3 finite numbers"),
+        ({"scene": scene_with(block2=np.array([0.3, 7.0, 0.0]))}, "block2 lies within 3.0 m of the origin"),
+        ({"scene": scene_with(effector=np.array([0.9, 0.0]))}, "effector lies within"),
+        ({"scene": scene_with(mode=4)}, "mode is a whole number from 0 to 3. Got 4"),
+    ],
+)
+def test_options_that_cannot_be_are_refused_and_change_nothing(env, options, said):
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=said):
+        env.reset(seed=1, options=options)
+    after = env.reset()[0]
+    env.reset(seed=0)
+    assert (after == env.reset()[0]).all()
 
 
 def test_a_vector_environment_with_any_policy_runs():

@@ -7,13 +7,15 @@ import gymnasium
 import mujoco
 import numpy as np
 from gymnasium import spaces
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, UInt8
 
 from envs import MAX_EPISODE_STEPS
 from envs.arm.inverse_kinematics import Posture
 from envs.arm.placed_arm import PlacedArm, start_posture
-from envs.arm.renderer import Renderer
-from envs.block_push.scene import Scene, draw_scene
+from envs.arm.renderer import HEIGHT as PICTURE_HEIGHT
+from envs.arm.renderer import WIDTH as PICTURE_WIDTH
+from envs.arm.renderer import Renderer, check_size
+from envs.block_push.scene import Scene, checked_scene, draw_scene
 from envs.block_push.success import both_placed, inside, rewards, score
 from envs.block_push.workspace import CONTROL_FREQUENCY, DESCRIPTION, HEIGHT, POSES, WORKSPACE
 from richmap.task_spaces.block_push import AT, BLOCK_PUSH_SPACE, BLOCKS, START, TARGETS
@@ -29,7 +31,10 @@ HOLD = 1.0
 YAWS = [i for i, unit in enumerate(BLOCK_PUSH_SPACE.observation.units) if unit == "rad"]
 """Which numbers of the state are angles."""
 
-Observation = Float[np.ndarray, "16"] | dict[str, np.ndarray]
+OBS_TYPES = ("state", "environment_state_agent_pos", "pixels", "pixels_agent_pos")
+"""What an observation may be."""
+
+Observation = Float[np.ndarray, "16"] | UInt8[np.ndarray, "height width 3"] | dict[str, np.ndarray]
 
 
 class BlockPushEnv(gymnasium.Env):
@@ -42,17 +47,26 @@ class BlockPushEnv(gymnasium.Env):
     State, 16 numbers, xy in [m] in the world, yaw in [rad] modulo pi: block x, y, yaw (0-2); block2 (3-5);
     effector measured x, y (6-7) and commanded x, y (8-9); target x, y, yaw (10-12); target2 (13-15). With
     `obs_type="environment_state_agent_pos"` it is split into `agent_pos` (6-9) and `environment_state` (the
-    rest).
+    rest). `pixels` is a picture instead, (height, width, 3) uint8, and `pixels_agent_pos` a dict of both.
 
     Reward: 0.49 for every first entry of a block into a target, 0.51 when both blocks are in different
     targets, which ends the episode. Inside that last step one more second passes with the command held still,
     after which `info["success_at_end"]` tells whether both are still in; the observation is from before that
     second.
 
+    A copy, or one that went through pickle, goes on as the original would, to the last bit.
+
     Args:
         arm: The arm, as it stands (`envs.block_push.make` makes it of a name).
-        obs_type: `state` or `environment_state_agent_pos`.
+        obs_type: One of `OBS_TYPES`.
         render_mode: None or `rgb_array`.
+        observation_width: Of the picture that is observed, in pixels.
+        observation_height: Likewise.
+        visualization_width: Of the picture that `render` gives, in pixels.
+        visualization_height: Likewise.
+
+    Raises:
+        ValueError: If one of these cannot be.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": CONTROL_FREQUENCY}
@@ -65,35 +79,70 @@ class BlockPushEnv(gymnasium.Env):
         arm: PlacedArm,
         obs_type: str = "state",
         render_mode: str | None = None,
+        observation_width: int = 96,
+        observation_height: int = 96,
+        visualization_width: int = PICTURE_WIDTH,
+        visualization_height: int = PICTURE_HEIGHT,
     ) -> None:
-        if obs_type not in ("state", "environment_state_agent_pos"):
-            raise ValueError(f"There is no obs_type {obs_type!r}. Types: state, environment_state_agent_pos")
+        if obs_type not in OBS_TYPES:
+            raise ValueError(f"There is no obs_type {obs_type!r}. Types: {', '.join(OBS_TYPES)}")
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"There is no render_mode {render_mode!r}. Modes: None, rgb_array")
+        check_size("observation", observation_width, observation_height)
+        check_size("visualization", visualization_width, visualization_height)
         self.arm = arm
         self.obs_type, self.render_mode = obs_type, render_mode
+        self._seen, self._shown = (observation_width, observation_height), (visualization_width, visualization_height)
         self.action_space = spaces.Box(-MAX_STEP, MAX_STEP, (BLOCK_PUSH_SPACE.action.width,), np.float32)
-        self.observation_space = _observation_space(obs_type)
-
+        self.observation_space = _observation_space(obs_type, *self._seen)
         self._lower, self._upper = arm.description.lower, arm.description.upper
-        self._kinematics = arm.kinematics()
-        self._start = start_posture(arm, self._kinematics, POSES.start)
-        self._simulation = BlockPushSimulation(arm, self._start, visual=render_mode is not None)
+        self._build()
+
+    def _build(self) -> None:
+        """Make what is not copied: kinematics, simulation, and no renderer yet."""
+        self._kinematics = self.arm.kinematics()
+        self._start = start_posture(self.arm, self._kinematics, POSES.start)
+        visual = self.render_mode is not None or self._observes_pixels
+        self._simulation: BlockPushSimulation | None = BlockPushSimulation(self.arm, self._start, visual)
         self._renderer: Renderer | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        built = ("_kinematics", "_start", "_simulation", "_renderer")
+        data = None if self._simulation is None else self._simulation.mj_data
+        return {name: value for name, value in self.__dict__.items() if name not in built} | {"_data": data}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        state = {**state}
+        data = state.pop("_data")
+        self.__dict__.update(state)
+        self._build()
+        if data is None:
+            self.close()
+        else:
+            model, own = self.physics
+            mujoco.mj_copyData(own, model, data)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode: the scene of this seed (`envs.block_push.scene.draw_scene`), or `options["scene"]`."""
+        """Start an episode: the scene of this seed (`envs.block_push.scene.draw_scene`), or `options["scene"]`.
+
+        Raises:
+            ValueError: If there is another option, or the scene cannot be placed.
+        """
+        options = options or {}
+        if unknown := [*map(repr, options.keys() - {"scene"})]:
+            raise ValueError(f"There is no option {', '.join(unknown)}. Options: scene")
+        given = None if options.get("scene") is None else checked_scene(options["scene"])
         super().reset(seed=seed)
-        scene = (options or {}).get("scene")
-        if scene is None:
-            scene = draw_scene(int(self.np_random.integers(2**31)) if seed is None else seed)
+        if given is None:
+            given = draw_scene(int(self.np_random.integers(2**31)) if seed is None else seed)
+        scene = given
         self._scene = scene
         self._targets = np.stack([scene.target, scene.target2])
         self._command = np.array(scene.effector, dtype=float)
         self._posture = self._posture_over(scene)
-        self._simulation.place(scene, self._posture.joints)
+        self._running.place(scene, self._posture.joints)
         self._been_inside = np.zeros((2, 2), dtype=bool)
         self._steps = 0
         state, info = self._state(), self._info((0.0, 0.0), self._inside())
@@ -118,26 +167,47 @@ class BlockPushEnv(gymnasium.Env):
 
     def render(self) -> np.ndarray | None:
         """A picture, (height, width, 3) uint8, if `render_mode` is `rgb_array`."""
-        if self.render_mode is None:
-            return None
+        return None if self.render_mode is None else self._draw(*self._shown)
+
+    def _draw(self, width: int, height: int) -> UInt8[np.ndarray, "height width 3"]:
+        simulation = self._running
         if self._renderer is None:
-            self._renderer = Renderer(self._simulation.mj_model)
-        return self._renderer.draw(self._simulation.mj_data)
+            wanted = [self._seen] * self._observes_pixels + [self._shown] * (self.render_mode is not None)
+            self._renderer = Renderer(simulation.mj_model, *map(max, zip(*wanted, strict=True)))
+        return self._renderer.draw(simulation.mj_data, width, height)
 
     def close(self) -> None:
-        """Give graphics memory back."""
+        """Give memory back, of graphics and of the simulation; there is nothing to reset after that."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
+        if self._simulation is not None:
+            self._simulation.close()
+            self._simulation = None
 
     @property
     def physics(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
         """MuJoCo's model and its present state."""
-        return self._simulation.mj_model, self._simulation.mj_data
+        return self._running.mj_model, self._running.mj_data
+
+    @property
+    def _running(self) -> BlockPushSimulation:
+        """The simulation.
+
+        Raises:
+            gymnasium.error.ClosedEnvironmentError: If the environment was closed.
+        """
+        if self._simulation is None:
+            raise gymnasium.error.ClosedEnvironmentError("The environment was closed. Make another one.")
+        return self._simulation
+
+    @property
+    def _observes_pixels(self) -> bool:
+        return self.obs_type.startswith("pixels")
 
     def _advance(self) -> None:
         self._posture = self._kinematics.solve(np.array([*self._command, HEIGHT]), self._posture.joints)
-        self._simulation.step(self._posture.joints)
+        self._running.step(self._posture.joints)
 
     def _stays_placed(self) -> bool:
         for _ in range(round(HOLD * CONTROL_FREQUENCY)):
@@ -146,7 +216,7 @@ class BlockPushEnv(gymnasium.Env):
 
     def _inside(self) -> Bool[np.ndarray, "2 2"]:
         """Which block (row) is in which target (column)."""
-        return inside(self._simulation.blocks_xyz[:, :2], self._targets[:, :2])
+        return inside(self._running.blocks_xyz[:, :2], self._targets[:, :2])
 
     def _posture_over(self, scene: Scene) -> Posture:
         """Joint angles over the scene's start, reached from the usual start in short steps: same branch."""
@@ -157,7 +227,7 @@ class BlockPushEnv(gymnasium.Env):
         return posture
 
     def _state(self) -> Float[np.ndarray, "16"]:
-        simulation = self._simulation
+        simulation = self._running
         state = np.empty(BLOCK_PUSH_SPACE.observation.width)
         state[BLOCKS] = np.column_stack([simulation.blocks_xyz[:, :2], simulation.blocks_yaw]).ravel()
         state[AT["effector"]] = simulation.flange_xyz[:2]
@@ -169,11 +239,15 @@ class BlockPushEnv(gymnasium.Env):
     def _observe(self, state: Float[np.ndarray, "16"]) -> Observation:
         if self.obs_type == "state":
             return state
+        if self.obs_type == "pixels":
+            return self._draw(*self._seen)
         agent, environment = BLOCK_PUSH_SPACE.split(state)
+        if self.obs_type == "pixels_agent_pos":
+            return {"pixels": self._draw(*self._seen), "agent_pos": agent}
         return {"agent_pos": agent, "environment_state": environment}
 
     def _info(self, earned: tuple[float, float], now: Bool[np.ndarray, "2 2"]) -> dict[str, Any]:
-        simulation = self._simulation
+        simulation = self._running
         flange, blocks = simulation.flange_xyz, simulation.blocks_xyz
         p1, p2 = bool(self._been_inside.any()), both_placed(now)
         joints = simulation.joint_angles
@@ -203,12 +277,17 @@ class BlockPushEnv(gymnasium.Env):
         }
 
 
-def _observation_space(obs_type: str) -> spaces.Space:
-    """Positions within 10 m, which nothing leaves; yaw within [0, pi]."""
+def _observation_space(obs_type: str, width_seen: int, height_seen: int) -> spaces.Space:
+    """Positions within 10 m, which nothing leaves; yaw within [0, pi]; a picture's size in pixels."""
     width = BLOCK_PUSH_SPACE.observation.width
     low, high = np.full(width, -10, np.float32), np.full(width, 10, np.float32)
     low[YAWS], high[YAWS] = 0, np.pi
     if obs_type == "state":
         return spaces.Box(low, high)
+    pixels = spaces.Box(0, 255, (height_seen, width_seen, 3), np.uint8)
+    if obs_type == "pixels":
+        return pixels
     agent, environment = map(spaces.Box, BLOCK_PUSH_SPACE.split(low), BLOCK_PUSH_SPACE.split(high))
+    if obs_type == "pixels_agent_pos":
+        return spaces.Dict(pixels=pixels, agent_pos=agent)
     return spaces.Dict(agent_pos=agent, environment_state=environment)

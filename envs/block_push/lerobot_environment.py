@@ -4,11 +4,18 @@ from dataclasses import dataclass, field
 
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
-from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
+from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_IMAGE, OBS_STATE
 
 from envs import ENVIRONMENTS, MAX_EPISODE_STEPS
 from envs.block_push.workspace import CONTROL_FREQUENCY
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
+
+OBSERVED = {
+    "environment_state_agent_pos": ("agent_pos", "environment_state"),
+    "pixels_agent_pos": ("agent_pos", "pixels"),
+    "pixels": ("pixels",),
+}
+"""Kinds of observation, and what is in them; a state without its parts is not LeRobot's."""
 
 
 @EnvConfig.register_subclass("guided_push")
@@ -28,11 +35,17 @@ class GuidedPushEnvConfig(EnvConfig):
     """Position of the arm's base, in [m]; None for the setting's."""
     branch: str | None = None
     """One that the arm's file states, or `found`; None for the setting's."""
+    obs_type: str = "environment_state_agent_pos"
+    """That, or `pixels_agent_pos` or `pixels` for a policy that sees pictures."""
+    observation_width: int = 96
+    """Of the picture that is observed, in pixels; likewise the next."""
+    observation_height: int = 96
+    visualization_width: int = 480
+    """Of the videos, in pixels; likewise the next."""
+    visualization_height: int = 360
     features: dict[str, PolicyFeature] = field(
         default_factory=lambda: {
             ACTION: PolicyFeature(type=FeatureType.ACTION, shape=(BLOCK_PUSH_SPACE.action.width,)),
-            "agent_pos": PolicyFeature(type=FeatureType.STATE, shape=(BLOCK_PUSH_SPACE.state.width,)),
-            "environment_state": PolicyFeature(type=FeatureType.ENV, shape=(BLOCK_PUSH_SPACE.environment.width,)),
         }
     )
     features_map: dict[str, str] = field(
@@ -40,8 +53,20 @@ class GuidedPushEnvConfig(EnvConfig):
             ACTION: ACTION,
             "agent_pos": OBS_STATE,
             "environment_state": OBS_ENV_STATE,
+            "pixels": OBS_IMAGE,
         }
     )
+
+    def __post_init__(self) -> None:
+        size = (self.observation_height, self.observation_width, 3)
+        seen = {
+            "agent_pos": PolicyFeature(type=FeatureType.STATE, shape=(BLOCK_PUSH_SPACE.state.width,)),
+            "environment_state": PolicyFeature(type=FeatureType.ENV, shape=(BLOCK_PUSH_SPACE.environment.width,)),
+            "pixels": PolicyFeature(type=FeatureType.VISUAL, shape=size),
+        }
+        if self.obs_type not in OBSERVED:
+            raise ValueError(f"There is no env.obs_type {self.obs_type!r} for LeRobot. Types: {', '.join(OBSERVED)}")
+        self.features |= {name: seen[name] for name in OBSERVED[self.obs_type]}
 
     @property
     def package_name(self) -> str:
@@ -61,7 +86,11 @@ class GuidedPushEnvConfig(EnvConfig):
             "setting": self.setting,
             "base": self.base,
             "branch": self.branch,
-            "obs_type": "environment_state_agent_pos",
+            "obs_type": self.obs_type,
             "render_mode": "rgb_array",
+            "observation_width": self.observation_width,
+            "observation_height": self.observation_height,
+            "visualization_width": self.visualization_width,
+            "visualization_height": self.visualization_height,
             "max_episode_steps": self.episode_length,
         }

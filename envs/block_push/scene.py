@@ -1,7 +1,8 @@
 """Where blocks, targets and effector are when an episode starts."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +16,10 @@ TARGET_OFFSET = 0.12
 """One target lies this much nearer than x = 0.4 m, the other this much farther, in [m]."""
 BLOCK_DIAGONAL = 0.057
 """Blocks farther apart than this cannot overlap, in [m]."""
+FLOOR = 3.0
+"""The floor ends this far from the origin along x and y, in [m]."""
+MODES = 4
+"""Plans of the scripted oracle."""
 ATTEMPTS = 1000
 """Draws of the second block before both are drawn again."""
 
@@ -32,6 +37,33 @@ class Scene:
     """Which of its four plans the oracle follows (`envs.block_push.oracle.PLANS`)."""
     effector: Float[np.ndarray, "2"]
     """Where the effector starts, xy in [m]."""
+
+
+def checked_scene(scene: Any) -> Scene:
+    """A scene of one's own, if it can be placed.
+
+    Raises:
+        ValueError: If it is no scene, or something of it is not where it can be.
+    """
+    if not isinstance(scene, Scene):
+        raise ValueError(f"A scene is an envs.block_push.scene.Scene. Got {type(scene).__name__}")
+    placed = {}
+    for name, length in {"block": 3, "block2": 3, "target": 3, "target2": 3, "effector": 2}.items():
+        given = getattr(scene, name)
+        try:
+            placed[name] = np.asarray(given, dtype=float)
+        except (TypeError, ValueError):
+            placed[name] = np.empty(0)
+        if placed[name].shape != (length,) or not np.isfinite(placed[name]).all():
+            raise ValueError(f"The scene's {name} is {length} finite numbers. Got {given!r}")
+        if np.abs(placed[name][:2]).max() > FLOOR:
+            raise ValueError(f"The scene's {name} lies within {FLOOR} m of the origin along x and y. Got {given!r}")
+    low, high = WORKSPACE
+    if (placed["effector"] < low).any() or (placed["effector"] > high).any():
+        raise ValueError(f"The scene's effector lies within {low} and {high}, in m. Got {scene.effector!r}")
+    if scene.mode not in range(MODES):
+        raise ValueError(f"The scene's mode is a whole number from 0 to {MODES - 1}. Got {scene.mode!r}")
+    return replace(scene, **placed)
 
 
 def draw_scene(seed: int) -> Scene:

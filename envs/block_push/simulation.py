@@ -156,6 +156,11 @@ class BlockPushSimulation(ManipulationEnv):
         self.cur_time += self.control_timestep
         return OrderedDict(), 0.0, False, {}
 
+    def close(self) -> None:
+        """Give the memory of model and state back at once: what is left refers to itself in circles."""
+        super().close()
+        del self.mj_model, self.mj_data
+
     @property
     def joint_angles(self) -> Float[np.ndarray, " dof"]:
         """In [rad]."""

@@ -19,9 +19,11 @@ SPACING = 0.01
 """Of the grid on which the oracle that knows its arm has where that can hold its tool, in [m]."""
 
 
-def make(arm: Any, render_mode: str | None = None) -> gymnasium.Env:
-    """The environment on an arm (`envs.arm.placed_arm.PlacedArm`)."""
-    return gymnasium.make(BLOCK_PUSH_ID, arm=arm, obs_type="environment_state_agent_pos", render_mode=render_mode)
+def make(arm: Any, render_mode: str | None = None, **size: int) -> gymnasium.Env:
+    """The environment on an arm (`envs.arm.placed_arm.PlacedArm`); its pictures have `visualization_width` and
+    `visualization_height`, in pixels."""
+    obs_type = "environment_state_agent_pos"
+    return gymnasium.make(BLOCK_PUSH_ID, arm=arm, obs_type=obs_type, render_mode=render_mode, **size)
 
 
 def plain_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
