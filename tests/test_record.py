@@ -16,8 +16,10 @@ pytestmark = pytest.mark.system
 
 def test_an_episode_is_recorded_as_a_worker_plays_it_whatever_the_number_of_threads(tmp_path, monkeypatch):
     """Two threads share the products of a batch: by two, this episode comes out otherwise."""
-    monkeypatch.setattr("envs.arm.renderer.Renderer.__init__", lambda self, model, width, height: None)  # Pictures take long.
-    monkeypatch.setattr("envs.arm.renderer.Renderer.draw", lambda self, data, width, height: np.zeros((8, 8, 3), np.uint8))
+    monkeypatch.setattr("envs.arm.renderer.Renderer.__init__", lambda self, model, width, height: None)
+    monkeypatch.setattr(
+        "envs.arm.renderer.Renderer.draw", lambda self, data, width, height: np.zeros((8, 8, 3), np.uint8)
+    )
     config = RunConfig(robot=RobotConfig("ur3"), slots=10, device="cpu")
     rollout = make_rollout(config, 0.0, checkpoint_folder(42), Console(quiet=True))
     before = torch.get_num_threads()

@@ -32,8 +32,9 @@ class Renderer:
         RuntimeError: If nothing can be drawn here.
     """
 
+    _buffers: mujoco.MjrContext | None = None
+
     def __init__(self, model: mujoco.MjModel, width: int = WIDTH, height: int = HEIGHT) -> None:
-        self._buffers: mujoco.MjrContext | None = None
         self._context = _egl_context(width, height)
         self._context.make_current()
         self._model = model
