@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 def log_field(config: RunConfig, rollout: "Rollout", group: str) -> None:
     """The field that guidance looks at as a W&B run: it uses the maps, and makes the field."""
-    if config.wandb.mode == "disabled" or rollout.field is None:
+    if config.wandb.mode == "disabled" or rollout.kind is None or rollout.field is None:
         return
     from rich.console import Console
 
@@ -127,7 +127,8 @@ def _field(rollout: "Rollout") -> "wandb.Artifact":
     import wandb
 
     condition = rollout.condition
-    about = {"kind": rollout.kind, "target": condition.robot, "fingerprint": condition.field_fingerprint}
+    assert rollout.field is not None  # Asked for only where guidance looks at one.
+    about = {"kind": str(rollout.kind), "target": condition.robot, "fingerprint": condition.field_fingerprint}
     artifact = wandb.Artifact(f"field-{about['target']}-{about['fingerprint'][:12]}", type="field", metadata=about)
     artifact.add_file(str(rollout.field.resolve()), policy="immutable", skip_cache=True)
     return artifact

@@ -11,6 +11,7 @@ from benchmark.scoring.scale_table import CHOSEN_FOR
 from benchmark.settings.command import check_setting
 from benchmark.settings.config import ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig, robot_field
 from benchmark.settings.recipe import USUAL
+from benchmark.settings.task import chosen_task
 from benchmark.sweeps.chosen_scale import arm_folder, read_methods
 from policies.methods import GUIDED, METHODS, MOST_SAMPLES
 

@@ -124,9 +124,10 @@ def other_branches(arm: PlacedArm, poses: TaskPoses) -> list[PlacedArm]:
 
 def _description_and_file(robot: str | RobotDescription) -> tuple[RobotDescription, RobotFile | None]:
     """An arm, and its file if it ships; None for another arm, also for one that goes by such a name."""
-    name = robot if isinstance(robot, str) else robot.name
-    shipped = load_robot(name) if isinstance(robot, str) or name in ROBOTS else None
-    return (shipped, robot_file(name)) if robot in (name, shipped) else (robot, None)
+    if isinstance(robot, str):
+        return load_robot(robot), robot_file(robot)
+    ships = robot.name in ROBOTS and robot == load_robot(robot.name)
+    return robot, robot_file(robot.name) if ships else None
 
 
 @lru_cache

@@ -47,7 +47,7 @@ def checked_scene(scene: Any) -> Scene:
     """
     if not isinstance(scene, Scene):
         raise ValueError(f"A scene is an envs.block_push.scene.Scene. Got {type(scene).__name__}")
-    placed = {}
+    placed: dict[str, Any] = {}
     for name, length in {"block": 3, "block2": 3, "target": 3, "target2": 3, "effector": 2}.items():
         given = getattr(scene, name)
         try:

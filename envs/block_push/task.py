@@ -19,7 +19,7 @@ SPACING = 0.01
 """Of the grid on which the oracle that knows its arm has where that can hold its tool, in [m]."""
 
 
-def make(arm: Any, render_mode: str | None = None, **size: int) -> gymnasium.Env:
+def make(arm: Any, render_mode: str | None = None, **size: Any) -> gymnasium.Env:
     """The environment on an arm (`envs.arm.placed_arm.PlacedArm`); its pictures have `visualization_width` and
     `visualization_height`, in pixels."""
     obs_type = "environment_state_agent_pos"
