@@ -24,7 +24,10 @@ NEEDED = ("length", "failure_cause")
 
 @dataclass(frozen=True)
 class Score:
-    """A column of the outcome that counts: yes or no, or a number from 0 to 1; more is better."""
+    """A column of the outcome that counts: yes or no, or a number from 0 to 1; more is better.
+
+    Differences of numbers with more than two decimals have intervals, and no p-value.
+    """
 
     name: str
     text: str
