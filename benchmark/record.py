@@ -1,40 +1,143 @@
-"""Moving pictures of episodes, as WebP.
+"""Moving pictures of episodes, as WebP: of a policy, of stored rows, or of a demonstration.
 
-python -m benchmark.record robot=ur3 lambda=0.5 seed_start=100000 output_dir=results/figures
+python -m benchmark.record robot=ur3 lambda=0.5 seed_start=50000 output_dir=outputs/videos
+python -m benchmark.record row=<id> table=outputs/sweep output_dir=outputs/videos
+python -m benchmark.record failed=1 table=outputs/sweep output_dir=outputs/videos
+python -m benchmark.record demonstration=0 output_dir=outputs/videos
 """
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from benchmark.rollouts.video import record
-from benchmark.settings.command import run_command
-from benchmark.settings.config import RunConfig
+from benchmark.rollouts.video import record, write_film
+from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.config import ORACLE_METHODS, SOURCE, RunConfig
+from benchmark.settings.replay_config import ReplayConfig
 from benchmark.sweeps.chosen_scale import rollouts_of
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from benchmark.episodes.episode import Episode
+    from benchmark.rollouts.rollout import Rollout
 
 
 @dataclass
 class RecordConfig(RunConfig):
-    """Draws episodes of a policy on an arm, guided or not."""
+    """Draws episodes: of a policy on an arm, or stored ones, or a demonstration."""
 
     episodes: int = 1
     """Number of episodes, each in a file of its own; a whole number >= 1."""
+    row: str = ""
+    """A stored row's id, or its first digits, 8 or more, to draw that instead."""
+    failed: int = 0
+    """How many failed episodes of the table to draw instead; a whole number >= 0."""
+    table: str = "results"
+    """With row and failed: a folder, of which all tables of episodes are read, or a Parquet file."""
+    entry: str = ""
+    """With row and failed: folder of the entry that a row is of; empty for our own methods."""
+    demonstration: int = -1
+    """Seed of a demonstration to draw instead, as benchmark.collect makes it by default; -1 for none."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_setting(self.failed >= 0, "failed", self.failed, "a whole number >= 0")
+        check_setting(self.demonstration >= -1, "demonstration", self.demonstration, "a whole number >= 0, or -1")
+        chosen = bool(self.row) + (self.failed > 0) + (self.demonstration >= 0)
+        check_setting(chosen <= 1, "row", self.row, "one of row, failed and demonstration at most")
 
 
 def main(config: RecordConfig) -> None:
-    """Play episodes from seed `seed_start` on and write each to `output_dir` as a moving WebP."""
+    """Play what was chosen and write each episode to `output_dir`."""
     from rich.console import Console
 
     console = Console()
-    rollout = rollouts_of(config, console)[-1]
-    folder = Path(config.output_dir)
-    scale = f"{'lambda' if config.method == 'paper' else config.method}{rollout.condition.guidance_scale:g}"
-    for seed in range(config.seed_start, config.seed_start + config.episodes):
-        file = folder / f"{config.robot.name}-{config.setting}-{scale}-{seed}.webp"
-        episode = record(rollout, seed, file)
-        outcome = episode.outcome
-        how = f"failed by {outcome.failure_cause}" if outcome.failure_cause else "succeeded"
-        scores = ", ".join(f"{name} {getattr(outcome, name)}" for name in rollout.task.score_names)
-        console.print(f"{file}: {how}, {scores}, {outcome.length} steps", soft_wrap=True)
+    if config.demonstration >= 0:
+        _draw_demonstration(config, console)
+    elif config.row or config.failed:
+        _draw_rows(config, console)
+    else:
+        rollout = rollouts_of(config, console)[-1]
+        for seed in range(config.seed_start, config.seed_start + config.episodes):
+            _draw(rollout, seed, config, console)
+
+
+def _draw_rows(config: RecordConfig, console: "Console") -> None:
+    """Draw stored episodes, played again.
+
+    Raises:
+        SettingError: If there are none, or something that one was made with is not here.
+    """
+    from benchmark.episodes.table import read_tables
+    from benchmark.replay import chosen_rows
+    from benchmark.rollouts.row_rollout import row_rollout
+
+    replay = ReplayConfig(
+        table=config.table, task=config.task, row=config.row, policy=config.policy, entry=config.entry,
+        workers=config.workers, map=config.map, energy=config.energy,
+    )  # fmt: skip
+    rows = chosen_rows(replay) if config.row else read_tables(Path(config.table), config.task)
+    if config.failed:
+        rows = rows[rows.failure_cause.notna()] if len(rows) else rows
+    if not len(rows):
+        raise SettingError(f"table={config.table} has no failed episodes of {config.task}.")
+    rows = rows[~rows.method.isin(ORACLE_METHODS.values())].head(config.failed or None)
+    if not len(rows):
+        raise SettingError(f"What was chosen of table={config.table} are a scripted oracle's, which are not drawn.")
+    for row in rows.to_dict("records"):
+        _draw(row_rollout(row, replay, console), row["episode_seed"], config, console)
+
+
+def _draw(rollout: "Rollout", seed: int, config: RecordConfig, console: "Console") -> None:
+    """Play an episode, write it, and say where it is and what came out."""
+    from benchmark.episodes.episode import row_id
+
+    about = rollout.condition
+    scale = f"{'lambda' if about.method in ('paper', 'direct') else about.method}{about.guidance_scale:g}"
+    slot = {"episode_seed": seed, "slot": seed % about.batch_size}
+    name = f"{about.robot}-{about.setting}-{scale}-{seed}-{row_id(about.row() | slot)[:8]}.webp"
+    file = Path(config.output_dir) / name
+    outcome = record(rollout, seed, file, _caption).outcome
+    scores = ", ".join(f"{name} {getattr(outcome, name)}" for name in rollout.task.score_names)
+    console.print(f"{file}: {_how(outcome)}, {scores}, {outcome.length} steps", soft_wrap=True)
+
+
+def _caption(episode: "Episode") -> str:
+    about = episode.condition
+    method = about.method if about.method == "direct" else f"{about.method} {about.guidance_scale:g}"
+    return (
+        f"{about.robot}, {about.setting}, {method}, policy {about.checkpoint}, seed {episode.episode_seed}: "
+        f"{_how(episode.outcome)}"
+    )
+
+
+def _how(outcome: object) -> str:
+    cause = getattr(outcome, "failure_cause")  # noqa: B009, every task's outcome has it
+    return f"failed by {cause}" if cause else "succeeded"
+
+
+def _draw_demonstration(config: RecordConfig, console: "Console") -> None:
+    import gymnasium
+
+    import envs
+    from benchmark.training.demonstration import demonstrate
+    from benchmark.training.demonstration_chunks import kind_of
+    from benchmark.training.demonstration_recipe import CollectConfig
+
+    seed, recipe, frames = config.demonstration, CollectConfig(), {}
+    env = gymnasium.make(envs.ENVIRONMENTS[SOURCE], render_mode="rgb_array")
+
+    def watch(attempt: int) -> None:
+        frames.setdefault(attempt, []).append(env.render())
+
+    kind = kind_of(recipe, seed)
+    episode = demonstrate(env, seed, kind, recipe.burst_probability, recipe.detours, watch)
+    env.close()
+    file = Path(config.output_dir) / f"demonstration-{seed}.webp"
+    how = "succeeded" if episode.successes[-1] else "failed"
+    write_film(file, frames[episode.attempts][::2], 10, f"{SOURCE}, demonstration, seed {seed}, {kind}: {how}")
+    console.print(f"{file}: {how}, {len(episode.actions)} steps", soft_wrap=True)
 
 
 if __name__ == "__main__":

@@ -3,13 +3,17 @@
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 from rich.console import Console
 
 from benchmark.artifacts.known_policies import checkpoint_folder
+from benchmark.record import RecordConfig, main
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.rollout import play
 from benchmark.rollouts.video import record
+from benchmark.settings.command import SettingError
 from benchmark.settings.config import RobotConfig, RunConfig
+from tests.egl import needs_egl
 
 pytestmark = pytest.mark.system
 
@@ -31,3 +35,24 @@ def test_an_episode_is_recorded_as_a_worker_plays_it_whatever_the_number_of_thre
     finally:
         torch.set_num_threads(before)
     assert recorded.row() == by_one.row()
+
+
+@needs_egl
+def test_a_demonstration_is_drawn_with_a_caption_under_it(tmp_path, capsys):
+    main(RecordConfig(demonstration=0, output_dir=str(tmp_path)))
+    with Image.open(tmp_path / "demonstration-0.webp") as picture:
+        assert picture.width == 480 and picture.height > 360 and picture.n_frames > 20
+        strip = np.asarray(picture.convert("L"))[360:]
+    assert strip.max() > 240 and strip.min() < 120
+    assert "demonstration-0.webp: succeeded" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("settings", [{"row": "12345678", "failed": 1}, {"failed": 1, "demonstration": 0}])
+def test_one_thing_is_drawn_at_a_time(settings):
+    with pytest.raises(SettingError, match="one of row, failed and demonstration"):
+        RecordConfig(**settings)
+
+
+def test_a_table_without_episodes_is_said(tmp_path):
+    with pytest.raises(SettingError, match="has no failed episodes of block_push"):
+        main(RecordConfig(failed=1, table=str(tmp_path), output_dir=str(tmp_path)))

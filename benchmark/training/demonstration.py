@@ -52,6 +52,7 @@ def demonstrate(
     kind: str,
     burst_probability: float = 0.03,
     detours: bool = True,
+    watch: Callable[[int], None] | None = None,
 ) -> Demonstration:
     """Plays the oracle with the kind's disturbances until an episode succeeds.
 
@@ -63,6 +64,7 @@ def demonstrate(
         kind: What is done to the executed actions and to the scene (`Demonstration.kind`).
         burst_probability: Chance per step of a burst, in the kinds that have some.
         detours: Whether the oracle's straight ways bend around blocks, but in clean episodes.
+        watch: Called with the number of the attempt before each of its steps.
 
     Raises:
         RuntimeError: No attempt succeeded.
@@ -71,7 +73,7 @@ def demonstrate(
         rng = np.random.default_rng((seed, attempt))
         scene = _unusual_scene(rng, SCENES[kind]) if kind in SCENES else None
         disturbance = Disturbance(kind, burst_probability, rng)
-        demonstration = _play(env, seed, kind, attempt, scene, disturbance, detours)
+        demonstration = _play(env, seed, kind, attempt, scene, disturbance, detours, watch)
         if demonstration.successes[-1] or kind == "clean":
             return demonstration
     raise RuntimeError(f"The oracle failed {ATTEMPTS} times with seed {seed} and kind {kind}.")
@@ -85,6 +87,7 @@ def _play(
     scene: Scene | None,
     disturbance: Disturbance,
     detours: bool,
+    watch: Callable[[int], None] | None,
 ) -> Demonstration:
     observation, info = env.reset(seed=seed, options=None if scene is None else {"scene": scene})
     oracle = Oracle(info["mode"])
@@ -92,6 +95,8 @@ def _play(
     steps = []
     over = False
     while not over:
+        if watch is not None:
+            watch(attempt)
         label = oracle(observation)
         if detours and kind != "clean":
             label = around_blocks(oracle, label, observation)

@@ -35,7 +35,7 @@ def _simulate_chunk(config: CollectConfig, seeds: range, chunks: Path) -> None:
     """Worker: one chunk of episodes, stored in one atomic step."""
     env = source_env()
     how = (config.burst_probability, config.detours)
-    episodes = [demonstrate(env, seed, _kind(config, seed), *how) for seed in seeds]
+    episodes = [demonstrate(env, seed, kind_of(config, seed), *how) for seed in seeds]
     path = _chunk_path(chunks, seeds)
     partial = path.with_suffix(f".{os.getpid()}.tmp")
     with open(partial, "wb") as file:
@@ -43,7 +43,7 @@ def _simulate_chunk(config: CollectConfig, seeds: range, chunks: Path) -> None:
     os.replace(partial, path)
 
 
-def _kind(config: CollectConfig, seed: int) -> str:
+def kind_of(config: CollectConfig, seed: int) -> str:
     """Kind of an episode: drawn by its seed alone, so that more episodes never change the first ones."""
     draw = np.random.default_rng((seed, 0)).random()
     shares = {
