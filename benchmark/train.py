@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def main(config: TrainConfig) -> None:
     """Train, and say where the checkpoints are."""
-    from benchmark.artifacts.progress import progress_bar
+    from richmap.progress import progress_bar
 
     collect(config.demonstrations)
     with progress_bar() as progress:

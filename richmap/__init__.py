@@ -1,8 +1,10 @@
 """Reachability maps, their similarity, and the energy field made from it."""
 
 import hashlib
+import importlib
 import os
 from pathlib import Path
+from typing import Any
 
 import platformdirs
 
@@ -11,3 +13,28 @@ import platformdirs
 _sources = b"".join(file.read_bytes() for file in sorted(Path(__file__).parent.rglob("*.py")))
 _folder = Path(platformdirs.user_cache_dir("richmap"), "numba", hashlib.sha256(_sources).hexdigest()[:16])
 os.environ.setdefault("NUMBA_CACHE_DIR", str(_folder))
+
+# What a user needs, imported when it is asked for: the loops are compiled, and PyTorch is read, on the way.
+_FACE = {
+    "CacheError": "richmap.outputs",
+    "EnergyField": "richmap.similarity.energy",
+    "ReachabilityMap": "richmap.maps.reachability_map",
+    "RobotDescription": "richmap.robots.robot",
+    "SignedDistanceField": "richmap.similarity.signed_distance",
+    "build_map": "richmap.maps.cached_map",
+    "compare_maps": "richmap.similarity.similarity",
+    "custom_robot": "richmap.robots.custom",
+    "load_robot": "richmap.robots.robots",
+}
+
+__all__ = sorted(_FACE)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _FACE:
+        raise AttributeError(f"module 'richmap' has no attribute {name!r}. It has: {', '.join(__all__)}")
+    return getattr(importlib.import_module(_FACE[name]), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -7,6 +7,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 
+class CacheError(ValueError):
+    """The cache lacks a file, and cannot be written to."""
+
+
 @contextmanager
 def replacing(file: Path) -> Iterator[Path]:
     """A path with the same ending beside a file, in whose place it is put, in one move, once it is written.

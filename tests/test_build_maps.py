@@ -4,11 +4,12 @@ import pytest
 from rich.console import Console
 
 from benchmark import build_maps, merge_maps
-from benchmark.artifacts.maps import MapProgress, energy_field, robot_map
+from benchmark.artifacts.maps import energy_field, robot_map
 from benchmark.build_maps import BuildMapsConfig
 from benchmark.merge_maps import MergeMapsConfig
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import EnergyConfig, MapConfig, RobotConfig
+from richmap.maps.cached_map import MapProgress
 from richmap.maps.reachability_map import ReachabilityMap
 from richmap.robots.robots import load_robot
 

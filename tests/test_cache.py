@@ -6,7 +6,7 @@ import time
 import pytest
 from filelock import FileLock
 
-from benchmark.artifacts.cache import WEEK, clear_leftovers
+from richmap.cache import WEEK, clear_leftovers
 
 
 @pytest.fixture

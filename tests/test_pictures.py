@@ -8,7 +8,7 @@ from benchmark.map_quality.pictures import PicturesConfig
 from benchmark.settings.config import RobotConfig
 from richmap.geometry.grid import Grid
 from richmap.maps.compression import coverage_fraction
-from richmap.similarity.similarity import similarity
+from richmap.similarity.similarity import compare_maps
 
 pytestmark = pytest.mark.system
 
@@ -65,7 +65,7 @@ def test_the_picked_cell_is_half_filled_and_before_the_arm(coarse_map):
 
 
 def test_one_sided_cells_are_shown_apart(coarse_map):
-    figure = pictures.mmd_figure(similarity(coarse_map("xarm6"), coarse_map("ur3")), "ur3")
+    figure = pictures.mmd_figure(compare_maps(coarse_map("xarm6"), coarse_map("ur3")), "ur3")
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [
         "only xarm6 reaches the cell",
         "only ur3 does",

@@ -4,7 +4,7 @@ from scipy.spatial.transform import Rotation
 
 from richmap.geometry.grid import Grid, GridMismatchError
 from richmap.maps.reachability_map import Construction, ReachabilityMap
-from richmap.similarity.similarity import direction_moments, kernel, mmd_squared, similarity
+from richmap.similarity.similarity import compare_maps, direction_moments, kernel, mmd_squared
 
 GRID = Grid((0.0, 0.0, 0.0), 0.5, (2, 2, 2))
 
@@ -46,15 +46,15 @@ def test_the_sum_over_pairs_is_the_definition(scales):
 def test_harmonics_give_the_sum_over_pairs(scales, error):
     sets = {c: directions(20 + 60 * c, c, spread=1 + c) for c in range(6)}
     others = {c: directions(300 - 40 * c, 10 + c) for c in range(6)}
-    fast = similarity(a_map(sets), a_map(others), scales=scales).mmd
+    fast = compare_maps(a_map(sets), a_map(others), scales=scales).mmd
     for c in range(6):
         assert fast[c] ** 2 == pytest.approx(mmd_squared(sets[c], others[c], scales), rel=error)
 
 
 def test_moments_stand_for_their_map():
     a, b = a_map({0: directions(50, 0), 1: directions(9, 1)}), a_map({0: directions(40, 2), 2: directions(9, 3)})
-    by_moments = similarity(direction_moments(a), direction_moments(b))
-    assert np.array_equal(by_moments.mmd, similarity(a, b).mmd, equal_nan=True)
+    by_moments = compare_maps(direction_moments(a), direction_moments(b))
+    assert np.array_equal(by_moments.mmd, compare_maps(a, b).mmd, equal_nan=True)
 
 
 def test_a_map_equals_itself_and_similarity_is_symmetric():
@@ -62,21 +62,21 @@ def test_a_map_equals_itself_and_similarity_is_symmetric():
         a_map({0: directions(50, 0), 1: directions(9, 1)}),
         a_map({0: directions(40, 2), 2: directions(9, 3)}),
     )
-    assert (similarity(a, a).mmd[:2] == 0).all()
-    assert similarity(a, b).mmd[0] == similarity(b, a).mmd[0] > 0
+    assert (compare_maps(a, a).mmd[:2] == 0).all()
+    assert compare_maps(a, b).mmd[0] == compare_maps(b, a).mmd[0] > 0
 
 
 def test_turning_both_robots_together_changes_nothing():
     x, y = directions(80, 0), directions(60, 1)
     turn = Rotation.random(rng=0).as_matrix()
-    before = similarity(a_map({3: x}), a_map({3: y})).mmd[3]
-    after = similarity(a_map({3: x @ turn.T}), a_map({3: y @ turn.T})).mmd[3]
+    before = compare_maps(a_map({3: x}), a_map({3: y})).mmd[3]
+    after = compare_maps(a_map({3: x @ turn.T}), a_map({3: y @ turn.T})).mmd[3]
     assert after == pytest.approx(before, rel=1e-4)
 
 
 def test_cells_that_one_robot_or_none_fills_are_masks_not_numbers():
     alone = directions(5, 0)
-    grid = similarity(a_map({0: alone, 1: directions(5, 1)}), a_map({1: directions(5, 2), 2: directions(5, 3)}))
+    grid = compare_maps(a_map({0: alone, 1: directions(5, 1)}), a_map({1: directions(5, 2), 2: directions(5, 3)}))
     assert np.flatnonzero(~np.isnan(grid.mmd)).tolist() == [1]
     assert np.flatnonzero(grid.only_source).tolist() == [0]
     assert np.flatnonzero(grid.only_target).tolist() == [2]
@@ -93,9 +93,9 @@ def test_the_kernel_is_one_for_equal_directions_and_falls_with_the_angle():
 def test_cells_must_coincide_in_the_world():
     a = a_map({0: directions(5, 0)})
     moved = a_map({0: directions(5, 0)}, GRID.moved(np.array([0.2, 0, 0])))
-    assert similarity(a, moved, base=(0.2, 0.0, 0.0)).mmd[0] == 0
+    assert compare_maps(a, moved, base=(0.2, 0.0, 0.0)).mmd[0] == 0
     with pytest.raises(GridMismatchError, match="base at"):
-        similarity(a, moved)
+        compare_maps(a, moved)
 
 
 def test_an_empty_set_has_no_discrepancy():

@@ -8,7 +8,7 @@ from envs.block_push.arm import block_push_arm
 from envs.block_push.workspace import HEIGHT
 from richmap.geometry.grid import Grid
 from richmap.similarity.energy import EnergyField
-from richmap.similarity.similarity import similarity
+from richmap.similarity.similarity import compare_maps
 
 pytestmark = pytest.mark.system
 
@@ -22,7 +22,7 @@ def test_arms_stand_side_by_side_with_their_base_and_the_papers_rectangles(sampl
         arm = block_push_arm(name, "best")
         target = sampled_map(name, GRID.moved(np.array(arm.base)), 20_000)
         energy = EnergyField(GRID, np.add.outer(GRID.axes()[0] ** 2, np.zeros((20, 20))), {})
-        drawn.append((arm, similarity(source, target, arm.base), energy))
+        drawn.append((arm, compare_maps(source, target, arm.base), energy))
     figure = top_view_figure(drawn)
     panels = figure.axes[:4]
     titles = [ax.get_title() for ax in panels]

@@ -8,7 +8,7 @@ from richmap.maps.construction import build_map
 from richmap.maps.reachability_map import Construction
 from richmap.robots.robots import load_robot
 from richmap.similarity.energy import EnergyField, EnergySettings
-from richmap.similarity.similarity import similarity
+from richmap.similarity.similarity import compare_maps
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
 pytestmark = pytest.mark.system
@@ -34,7 +34,7 @@ def maps(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def field(maps):
-    grid = similarity(maps["xarm6"], maps["ur3"])
+    grid = compare_maps(maps["xarm6"], maps["ur3"])
     return EnergyField.from_similarity(grid, EnergySettings(), {})
 
 

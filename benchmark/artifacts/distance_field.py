@@ -27,9 +27,9 @@ def distance_field(
     Returns:
         The field, in the world frame, and its file in the cache.
     """
-    from benchmark.artifacts.cache import cached, made_from
     from envs.arm.feasibility import table_feasibility
     from envs.block_push.workspace import HEIGHT
+    from richmap.cache import cached, made_from
     from richmap.similarity.signed_distance import SignedDistanceField
 
     inputs = {

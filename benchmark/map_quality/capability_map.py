@@ -80,7 +80,7 @@ def capability_map(
     """The capability map of a robot, built if it is not in the cache, and its file; the time is kept beside it."""
     import platformdirs
 
-    from benchmark.artifacts.cache import cached, fingerprint
+    from richmap.cache import cached, fingerprint
     from richmap.counterparts import capability_construction, capability_map
     from richmap.geometry import grid
 
@@ -119,7 +119,7 @@ class CapabilityBar:
     def __init__(self, robot: str, stop_rate: float, target: int, console: "Console") -> None:
         from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-        from benchmark.artifacts.progress import SpokenProgress
+        from richmap.progress import SpokenProgress
 
         self._stop_rate, self._target = stop_rate, target
         self._progress = SpokenProgress(

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.artifacts import cache
 from benchmark.map_quality import poses
+from richmap import cache
 from richmap.files import reading, save_arrays
 from richmap.motion import closed_form, inverse_kinematics
 from richmap.motion.collision import self_collision

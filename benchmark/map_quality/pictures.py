@@ -54,7 +54,7 @@ def main(config: PicturesConfig) -> None:
 
     from benchmark.artifacts.maps import robot_map
     from richmap.robots.robots import load_robot
-    from richmap.similarity.similarity import similarity
+    from richmap.similarity.similarity import compare_maps
 
     console = Console()
     origin, robot = (0.0, 0.0, 0.0), config.robot.load()
@@ -62,7 +62,7 @@ def main(config: PicturesConfig) -> None:
     figures = map_figures(of_robot)
     if robot.name != SOURCE:
         of_source = robot_map(load_robot(SOURCE), origin, config.map, config.workers, console)
-        figures["mmd"] = mmd_figure(similarity(of_source, of_robot), robot.name)
+        figures["mmd"] = mmd_figure(compare_maps(of_source, of_robot), robot.name)
     for name, figure in figures.items():
         file = Path(config.output_dir, "maps", f"{robot.name}_{name}.png")
         with replacing(file) as path:

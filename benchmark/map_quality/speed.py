@@ -266,14 +266,14 @@ def mmd_speeds(
     """
     import numpy as np
 
-    from richmap.similarity.similarity import direction_moments, mmd_squared, similarity
+    from richmap.similarity.similarity import compare_maps, direction_moments, mmd_squared
 
     others = direction_moments(built)
-    fast = similarity(moments, others).mmd ** 2
+    fast = compare_maps(moments, others).mmd ** 2
     joint = np.flatnonzero(~np.isnan(fast))
     for name, compare in (
-        ("mmd", lambda: similarity(first, built)),
-        ("mmd_further", lambda: similarity(moments, others)),
+        ("mmd", lambda: compare_maps(first, built)),
+        ("mmd_further", lambda: compare_maps(moments, others)),
     ):
         yield {"name": name, "batch": len(joint), "value": least_seconds(compare, 1) / len(joint)}
 

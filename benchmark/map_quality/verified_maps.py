@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.artifacts.cache import seconds
 from benchmark.settings.config import VerifyMapsConfig
+from richmap.cache import seconds
 from richmap.worker import worker_pool
 
 if TYPE_CHECKING:
@@ -64,8 +64,9 @@ class VerifiedMap:
 
 def reachability_map(robot: "RobotDescription", config: VerifyMapsConfig, console: "Console") -> Iterator[VerifiedMap]:
     """The map of directions in the paper's workspace; and where rolls are left out, the same asked for whole poses."""
-    from benchmark.artifacts.maps import build_seconds, robot_map
+    from benchmark.artifacts.maps import robot_map
     from benchmark.map_quality.poses import paper_z_offset
+    from richmap.maps.cached_map import build_seconds
     from richmap.maps.reachability_map import Reach
 
     settings = replace(config.map, z_offset=paper_z_offset(robot))
@@ -187,7 +188,7 @@ def _built(
     """A four-dimensional map from the cache, built if it is not there, and its file; the time is kept beside it."""
     from time import perf_counter
 
-    from benchmark.artifacts.cache import cached, fingerprint
+    from richmap.cache import cached, fingerprint
 
     key = fingerprint(asdict(asked), VERSION)
     took = []
@@ -205,8 +206,8 @@ def _built(
 
 
 def _build_fraction_map(robot: "RobotDescription", asked, workers: int, console: "Console"):
-    from benchmark.artifacts.progress import progress_bar
     from richmap.counterparts.fraction_map import build_fraction_map
+    from richmap.progress import progress_bar
 
     with worker_pool(workers) as pool, progress_bar(console) as progress:
         tasks = {}
@@ -222,8 +223,8 @@ def _build_fraction_map(robot: "RobotDescription", asked, workers: int, console:
 
 
 def _build_rm4d(robot: "RobotDescription", asked, workers: int, console: "Console"):
-    from benchmark.artifacts.progress import progress_bar
     from richmap.counterparts.rm4d import build_rm4d
+    from richmap.progress import progress_bar
 
     with worker_pool(workers) as pool, progress_bar(console) as progress:
         task = progress.add_task(f"RM4D of {robot.name}", total=asked.samples)

@@ -84,8 +84,8 @@ def label_poses(
     robot: "RobotDescription", test_set: str, config: VerifyMapsConfig, console: "Console"
 ) -> "LabelledPoses":
     """The test split of a set, from the cache as far as it is there."""
-    from benchmark.artifacts.progress import progress_bar
     from benchmark.map_quality.labels import labelled
+    from richmap.progress import progress_bar
 
     with progress_bar(console) as progress:
         task = progress.add_task(f"Test poses of {robot.name}, {test_set}", total=config.poses)

@@ -64,7 +64,7 @@ def main(config: ViewConfig) -> None:
     from benchmark.artifacts.maps import robot_map
     from richmap.maps.compression import coverage_fraction
     from richmap.robots.robots import load_robot
-    from richmap.similarity.similarity import similarity
+    from richmap.similarity.similarity import compare_maps
 
     console = Console()
     origin, robot = (0.0, 0.0, 0.0), config.robot.load()
@@ -75,7 +75,7 @@ def main(config: ViewConfig) -> None:
         values, colours = np.where(filled, coverage_fraction(of_robot).ravel(), np.nan), "viridis"
     else:
         of_source = robot_map(load_robot(SOURCE), origin, config.map, config.workers, console)
-        values, colours = similarity(of_source, of_robot).mmd, "magma_r"
+        values, colours = compare_maps(of_source, of_robot).mmd, "magma_r"
     file = Path(config.save or f"outputs/view/{robot.name}.html")
     save_page(map_scene(robot, of_robot, values, colours, cell), file)
     console.print(f"{file}: left button turns, right button moves, wheel zooms.", soft_wrap=True)

@@ -82,9 +82,9 @@ def demonstrated_path(task: "Task", episodes: int, console: "Console") -> "np.nd
     """Flange positions, (n, 3), in [m], of the source's plain oracle in the scenes of the first seeds."""
     import numpy as np
 
-    from benchmark.artifacts.progress import progress_bar
     from envs.arm.place_arm import place_arm
     from envs.task import play_oracle
+    from richmap.progress import progress_bar
 
     arm = place_arm(SOURCE, task.poses)
     env, make = task.make(arm), task.oracle("plain")(arm)

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import pandas as pd
 from rich.console import Console
 
-from benchmark.artifacts.progress import progress_bar
 from benchmark.episodes.episode import Condition, Episode
 from benchmark.episodes.parts import merge_parts
 from benchmark.episodes.table import episodes_of, read_episodes, store_episodes
 from benchmark.settings.config import RunConfig
+from richmap.progress import progress_bar
 
 if TYPE_CHECKING:
     from benchmark.rollouts.rollout import Rollout

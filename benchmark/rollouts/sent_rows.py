@@ -49,8 +49,8 @@ def nearest(row: Mapping[str, Any], rollouts: "Sequence[Rollout]") -> tuple[int,
 
 def otherwise(rows: "pd.DataFrame", episodes: "Iterable[Episode]") -> Iterator[str]:
     """In which columns rows differ from their episodes, rolled out again."""
-    from benchmark.artifacts.progress import progress_bar
     from benchmark.episodes.episode import differences, row_id, row_name
+    from richmap.progress import progress_bar
 
     stored = {row_id(row): row for row in rows.to_dict("records")}
     with progress_bar() as progress:

@@ -110,8 +110,8 @@ def main(config: PlaceBasesConfig) -> None:
 
 def place(of_arm: "ReachabilityMap", path: np.ndarray, margin: float, console: "Console") -> CandidateBases:
     """Score all candidates by the map, and the shortlist and those along x by feasibility in each branch."""
-    from benchmark.artifacts.progress import progress_bar
     from richmap.maps.base_placement import place_base
+    from richmap.progress import progress_bar
     from richmap.robots.robots import robot_file
 
     robot = of_arm.construction.robot

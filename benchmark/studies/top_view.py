@@ -58,7 +58,7 @@ def main(config: TopViewConfig) -> None:
     from benchmark.artifacts.maps import energy_field, robot_map
     from envs.arm.place_arm import COMMON_BASE
     from envs.block_push.arm import block_push_arm
-    from richmap.similarity.similarity import similarity
+    from richmap.similarity.similarity import compare_maps
 
     console = Console()
     source = robot_map(block_push_arm(SOURCE).description, COMMON_BASE, config.map, config.workers, console)
@@ -67,7 +67,7 @@ def main(config: TopViewConfig) -> None:
         arm = block_push_arm(name, config.setting)
         target = robot_map(arm.description, arm.base, config.map, config.workers, console)
         energy, _ = energy_field(arm.description, arm.base, config.map, config.energy, config.workers, console)
-        drawn.append((arm, similarity(source, target, arm.base, config.energy.scales), energy))
+        drawn.append((arm, compare_maps(source, target, arm.base, config.energy.scales), energy))
     figure = top_view_figure(drawn)
     file = Path(config.output_dir, "top_view.png")
     with replacing(file) as path:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmark.artifacts.progress import progress_bar
 from benchmark.training.demonstration import Demonstration, demonstrate, pack, source_env, unpack
 from benchmark.training.demonstration_recipe import CollectConfig
+from richmap.progress import progress_bar
 from richmap.worker import worker_pool
 
 EPISODES_PER_CHUNK = 5

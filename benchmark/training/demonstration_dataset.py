@@ -8,10 +8,10 @@ import datasets
 import numpy as np
 from lerobot.datasets import LeRobotDataset
 
-from benchmark.artifacts.progress import progress_bar
 from benchmark.settings.config import SOURCE
 from benchmark.training.demonstration import Demonstration
 from envs.block_push.task import BLOCK_PUSH
+from richmap.progress import progress_bar
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
 FPS = 10

@@ -5,9 +5,9 @@ from concurrent.futures import wait
 from multiprocessing import get_context
 from queue import Empty, Queue
 
-from benchmark.artifacts.progress import progress_bar
 from benchmark.training.collection import collect
 from benchmark.training.trainer import TrainConfig, train
+from richmap.progress import progress_bar
 from richmap.worker import worker_pool
 
 REPORT_EVERY = 10

@@ -77,7 +77,7 @@ def direction_moments(robot_map: ReachabilityMap) -> DirectionMoments:
     return DirectionMoments(robot_map.construction.robot, robot_map.grid, cells, means)
 
 
-def similarity(
+def compare_maps(
     source: ReachabilityMap | DirectionMoments,
     target: ReachabilityMap | DirectionMoments,
     base: tuple[float, float, float] = (0.0, 0.0, 0.0),

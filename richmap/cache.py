@@ -8,13 +8,13 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 from time import time
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import platformdirs
 from filelock import FileLock, Timeout
 
-from benchmark.settings.setting import SettingError
 from richmap.files import FileRefusedError
+from richmap.outputs import CacheError
 
 PACKAGES = ("pin", "coal", "numpy", "scipy", "numba", "torch", "pytorch-kinematics")
 """Whose versions decide what is in the cache; pinned exactly."""
@@ -46,6 +46,7 @@ def made_from(inputs: dict[str, Any], version: int) -> str:
     return hashlib.sha256(json.dumps({**inputs, "version": version}, sort_keys=True).encode()).hexdigest()
 
 
+@runtime_checkable
 class Saved(Protocol):
     """What can be kept in the cache."""
 
@@ -60,7 +61,7 @@ def cached[Value: Saved](path: str, load: Callable[[Path], Value], make: Callabl
     to, as in somebody else's home, is read.
 
     Raises:
-        SettingError: If such a one lacks the file.
+        CacheError: If such a one lacks the file.
     """
     file = Path(platformdirs.user_cache_dir("richmap")) / path
     try:
@@ -71,7 +72,7 @@ def cached[Value: Saved](path: str, load: Callable[[Path], Value], make: Callabl
         try:
             return load(file), file
         except (OSError, FileRefusedError):
-            raise SettingError(
+            raise CacheError(
                 f"{file.name} is not in the cache, and {file.parent} cannot be written to ({error.strerror}). Choose "
                 "another folder for the cache: XDG_CACHE_HOME=/some/folder before the command."
             ) from error

@@ -30,7 +30,7 @@ class SpokenProgress(Progress):
         super().update(task_id, **changes)
         self._say(task_id)
 
-    def advance(self, task_id: TaskID, advance: float = 1) -> None:
+    def advance(self, task_id: TaskID, advance: int | float = 1) -> None:
         super().advance(task_id, advance)
         self._say(task_id)
 
@@ -43,7 +43,7 @@ class SpokenProgress(Progress):
         self.console.print(" ".join(map(str, texts)) + left, soft_wrap=True, markup=False)
 
 
-def progress_bar(console: Console | None = None, period: float = 30.0) -> SpokenProgress:
+def progress_bar(console: Console | None = None, period: int | float = 30.0) -> SpokenProgress:
     """A bar with count, time used and time left, which is that at the speed of the last `period` seconds."""
     return SpokenProgress(
         TextColumn("{task.description}"),

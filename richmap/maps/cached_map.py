@@ -1,0 +1,159 @@
+"""Maps from the cache of the user's account, built first if they are not there."""
+
+import shutil
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import platformdirs
+from filelock import FileLock
+from rich.console import Console
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from richmap.cache import cached, fingerprint, seconds
+from richmap.geometry.grid import Grid
+from richmap.maps import construction
+from richmap.maps.construction import BuildProgress
+from richmap.maps.reachability_map import Construction, ReachabilityMap
+from richmap.progress import SpokenProgress
+from richmap.robots.robot import RobotDescription
+
+MAP_VERSION = 1
+"""Of maps: raised by hand when the same robot and settings give another one."""
+
+
+def build_map(
+    robot: RobotDescription,
+    *,
+    cell_size: float = 0.05,
+    theta: float = 0.1,
+    half_width: float = 1.0,
+    z_offset: float = 0.2,
+    stop_rate: float = 0.02,
+    target: int = 0,
+    draw: int = 4096,
+    turns: int = 128,
+    device: str = "cpu",
+    ground: float | None = None,
+    seed: int = 0,
+    base: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    workers: int = 2,
+    console: Console | None = None,
+) -> ReachabilityMap:
+    """The reachability map of a robot (RichMap, Algorithm 1): from the cache, or built there under a progress bar.
+
+    A build that was interrupted goes on where it was. The map is the same for any number of workers.
+
+    Args:
+        robot: The arm.
+        cell_size: Edge of a cubic cell, in [m].
+        theta: Least angle between two directions of a cell, in [rad].
+        half_width: The grid spans this far from the base along x and y, and up and down, in [m].
+        z_offset: How much the grid is raised against the base, in [m].
+        stop_rate: Building stops when a batch brings less than this fraction of new directions.
+        target: Building stops at this many directions; 0 for no such target.
+        draw: Configurations that a worker draws at once.
+        turns: Angles of joint 1 that each configuration is used at; a power of two.
+        device: Where poses are compared with what is stored, `cpu` or `cuda`.
+        ground: Height above the base frame's origin, in [m], that no link may be below; None for no ground.
+        seed: Of the samples.
+        base: Position of the base in the world, in [m]; cells line up with the world's.
+        workers: Processes that sample.
+        console: Where the bar is shown.
+
+    Raises:
+        CacheError: If the map is not in the cache, and that cannot be written to.
+        ValueError: If the arm cannot be mapped so.
+    """
+    console = console or Console()
+    grid = Grid.around_base(cell_size, half_width, z_offset).moved(np.array(base))
+    asked = Construction(
+        robot.name, robot.fingerprint, theta=theta, seed=seed, draw=draw, turns=turns, stop_rate=stop_rate,
+        target=target, device=device, ground=ground,
+    )  # fmt: skip
+    key, folder = _key_and_folder(grid, asked)
+    lock, made = FileLock(f"{folder}.lock"), []
+
+    def build() -> ReachabilityMap:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with lock, MapProgress(robot.name, stop_rate, target, console) as progress:
+            built = construction.build_map(robot, grid, asked, folder, workers, progress.report)
+        _seconds_file(built).write_text(f"{progress.seconds:.1f}")
+        made.append(built)
+        return built
+
+    def load(path: Path) -> ReachabilityMap:
+        return ReachabilityMap.load(path, robot)
+
+    built, path = cached(f"maps/{robot.name}-{key[:16]}.safetensors", load, build)
+    if made:  # and stored, so that what the build could go on from is not needed any more
+        with lock:
+            shutil.rmtree(folder, ignore_errors=True)
+        console.print(
+            f"Reachability map of {robot.name}, built once and kept in {path}: {built.inserted / 1e6:.2f} million "
+            f"directions in {100 * built.occupancy:.1f} % of its cells.",
+            soft_wrap=True,
+        )
+    return built
+
+
+def build_seconds(built: ReachabilityMap) -> float:
+    """Wall time that the build of a map took on this machine, in [s]; NaN where it was not built here."""
+    return seconds(_seconds_file(built))
+
+
+def _key_and_folder(grid: Grid, asked: Construction) -> tuple[str, Path]:
+    """Fingerprint of a map, and the folder of its build, which goes on from where one with another end stopped."""
+    inputs = {"grid": asdict(grid), "construction": asdict(asked)}
+    key = fingerprint(inputs, MAP_VERSION)
+    for ending in ("stop_rate", "target"):
+        del inputs["construction"][ending]
+    folder = f"{asked.robot}-{fingerprint(inputs, MAP_VERSION)[:16]}"
+    return key, Path(platformdirs.user_cache_dir("richmap"), "builds", folder)
+
+
+def _seconds_file(built: ReachabilityMap) -> Path:
+    """Beside the map and not in it: the same settings give the same file."""
+    return Path(platformdirs.user_cache_dir("richmap"), "maps", f"{built.content_hash[:16]}.seconds")
+
+
+class MapProgress:
+    """Live state of a build: the insertion rate falls towards the threshold, and with it the time left."""
+
+    def __init__(self, robot: str, stop_rate: float, target: int, console: Console) -> None:
+        self.seconds = 0.0
+        """What the build took so far, in [s]."""
+        self._stop_rate, self._target = stop_rate, target
+        self._progress = SpokenProgress(
+            TextColumn("Map of {task.fields[robot]}"),
+            BarColumn(),
+            TextColumn("insertion rate {task.fields[rate]:.2%} of {task.fields[stop]:.2%}"),
+            TextColumn("{task.fields[millions]:.1f} M directions, {task.fields[occupancy]:.1%} of cells"),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=console,
+        )
+        self._task = self._progress.add_task(
+            "", total=1.0, robot=robot, rate=1.0, stop=stop_rate, millions=0.0, occupancy=0.0
+        )
+
+    def __enter__(self) -> "MapProgress":
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def report(self, progress: BuildProgress) -> None:
+        """The insertion rate falls about as 1 / poses, so the share done is stop rate over rate."""
+        self.seconds = progress.seconds
+        shares = [self._stop_rate / max(progress.batch_rate, 1e-9)]
+        if self._target:
+            shares.append(progress.inserted / self._target)
+        self._progress.update(
+            self._task,
+            completed=min(1.0, max(shares)),
+            rate=progress.batch_rate,
+            millions=progress.inserted / 1e6,
+            occupancy=progress.occupancy,
+        )

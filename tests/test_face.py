@@ -1,0 +1,45 @@
+"""What a Python user calls: `richmap` and `benchmark` themselves."""
+
+import numpy as np
+import pytest
+
+import benchmark
+import richmap
+from benchmark.settings.command import SettingError
+
+COARSE = {"cell_size": 0.2, "theta": 0.3, "draw": 200, "turns": 16, "stop_rate": 0.2, "workers": 1}
+
+
+def test_every_name_is_there():
+    for module in (richmap, benchmark):
+        for name in module.__all__:
+            assert callable(getattr(module, name)), name
+        with pytest.raises(AttributeError, match="It has"):
+            _ = module.nothing_of_this_name
+
+
+@pytest.mark.system
+def test_a_map_is_built_once_asked_saved_and_compared(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    ur3 = richmap.build_map(richmap.load_robot("ur3"), **COARSE)
+    assert "built once" in capsys.readouterr().out
+    again = richmap.build_map(richmap.load_robot("ur3"), **COARSE)
+    assert "built" not in capsys.readouterr().out and again.content_hash == ur3.content_hash
+    near, far = ur3.reachable(np.array([[0.3, 0.0, 0.3], [5.0, 0.0, 0.3]]), np.array([[0.0, 0.0, -1.0]] * 2))
+    assert near and not far
+    ur3.save(tmp_path / "ur3.safetensors")
+    assert richmap.ReachabilityMap.load(tmp_path / "ur3.safetensors").content_hash == ur3.content_hash
+    assert np.nanmax(richmap.compare_maps(ur3, again).mmd) == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.system
+def test_a_policy_is_evaluated_and_compared_scene_by_scene(tmp_path):
+    common = {"robot": "xarm6", "episodes": 2, "slots": 2, "workers": 1, "device": "cpu", "output_dir": tmp_path}
+    direct = benchmark.evaluate("seed42-1", **common)
+    pushed = benchmark.evaluate("seed42-1", method="towards", scale=0.1, **common)
+    assert [*direct.episode_seed] == [50_000, 50_001] and {*pushed.method} == {"towards"}
+    compared = benchmark.compare(pushed, direct)
+    assert (compared.n == 2).all() and "p2" in {*compared.score}
+    assert (compared.low <= compared.difference).all() and (compared.difference <= compared.high).all()
+    with pytest.raises(SettingError, match="no scene in common"):
+        benchmark.compare(pushed, direct.assign(episode_seed=direct.episode_seed + 10))
