@@ -22,6 +22,7 @@ from benchmark.settings.task import chosen_task
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:
+    import pandas as pd
     from rich.console import Console
 
     from benchmark.rollouts.rollout import Rollout
@@ -53,7 +54,13 @@ class EnterConfig:
     """What the arms may do (see benchmark.run): embodied, best or both, as in settings=[embodied,best], by the strict
     protocol (500 episodes of the best policy of each seed), or original by the paper's (50 of three of each)."""
     episodes: int | None = None
-    """Number of test episodes per arm, setting and policy, from seed 100000 on; null for the protocol's."""
+    """Number of episodes per arm, setting and policy; null for the protocol's."""
+    seed_start: int = FIRST_TEST_SEED
+    """Seed of the first episode. From 100000 on are test episodes, by which nothing is chosen: tune on those from 50000
+    on, the validation episodes."""
+    scale: list[float] = field(default_factory=list)
+    """Scales to try instead of the one in entry.yaml, as in scale=[0.25,0.5], on validation episodes alone; empty for
+    that one."""
     seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
     """Training seeds of the policies that an entry without a policy of its own guides."""
     output_dir: str = "results/entries"
@@ -79,7 +86,9 @@ class EnterConfig:
         self.episodes = self.protocol.episodes if self.episodes is None else self.episodes
         self.slots = self.protocol.slots if self.slots is None else self.slots
         check_setting(bool(self.seeds), "seeds", self.seeds, "one or more whole numbers")
-        for name in ("robots", "settings", "seeds"):
+        tuned = not self.scale or self.seed_start < FIRST_TEST_SEED
+        check_setting(tuned, "scale", self.scale, "none on test episodes; try scales with seed_start=50000")
+        for name in ("robots", "settings", "seeds", "scale"):
             given = getattr(self, name)
             check_setting(len({*given}) == len(given), name, given, "each of them once")
         for robot in self.robots:
@@ -95,7 +104,7 @@ class EnterConfig:
     def run(self, robot: str, setting: str) -> RunConfig:
         """Settings of an arm's rollouts."""
         names = {each.name for each in fields(RunConfig)} & {*vars(self)} - {"output_dir"}
-        given = {"seed_start": FIRST_TEST_SEED} | {name: getattr(self, name) for name in names}
+        given = {name: getattr(self, name) for name in names}
         return RunConfig(robot=RobotConfig(robot), setting=setting, output_dir=self.output_dir, **given)
 
 
@@ -109,20 +118,49 @@ def main(config: EnterConfig) -> None:
     checkpoints = entry.checkpoints(config.seeds, ranks)
     if config.table and not Path(config.table).exists():
         raise SettingError(f"table={config.table} is not there. Give a folder of episodes, or a Parquet file.")
+    import pandas as pd
     from rich.console import Console
+
+    from benchmark.scoring.own_results import show_results
 
     console = Console()
     runs = [config.run(robot, setting) for setting in config.settings for robot in config.robots]
-    rollouts = [entry.rollout(run, checkpoint, console) for run in runs for checkpoint in checkpoints]
+    entries = [entry.at(scale) for scale in config.scale] or [entry]
+    rollouts = [each.rollout(run, path, console) for each in entries for run in runs for path in checkpoints]
     if config.table:
         check(config, rollouts, console)
-    else:
-        run = replace(runs[0], output_dir=str(Path(config.output_dir, entry.about.name)))
-        evaluate(entry, rollouts, run, console)
+        return
+    run = replace(runs[0], output_dir=str(Path(config.output_dir, entry.about.name)))
+    made = evaluate(entry, rollouts, run, console)
+    direct = direct_transfer(config, runs, console)
+    show_results(pd.concat([made, direct], ignore_index=True), rollouts[0].task, Path(run.output_dir))
 
 
-def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, console: "Console") -> None:
-    """Roll out and store what is missing, and print the scores of each arm, setting and policy."""
+def direct_transfer(config: EnterConfig, runs: "Sequence[RunConfig]", console: "Console") -> "pd.DataFrame":
+    """Episodes of our policies without guidance on the same scenes: those that are published, and on validation scenes
+    also those that lack, which are stored in a folder `direct` beside the entry's."""
+    import pandas as pd
+
+    from benchmark.artifacts.known_policies import RESULTS, checkpoint_folder, shipped
+    from benchmark.episodes.table import episodes_of, read_tables
+    from benchmark.rollouts.make_rollout import make_rollout
+    from benchmark.rollouts.missing_episodes import run_and_store_all
+
+    if not shipped(task=config.task):  # Of another task we have no policies.
+        return pd.DataFrame()
+    checkpoints = [checkpoint_folder(seed) for seed in config.seeds]
+    rollouts = [make_rollout(run, 0.0, path, console) for run in runs for path in checkpoints]
+    if config.seed_start < FIRST_TEST_SEED:
+        run = replace(runs[0], output_dir=str(Path(config.output_dir, "direct")))
+        return pd.concat(run_and_store_all(rollouts, run, "direct transfer", console))
+    published = read_tables(RESULTS / "methods", rollouts[0].task.name)
+    seeds = range(config.seed_start, config.seed_start + runs[0].episodes)
+    tables = [episodes_of(published, rollout.condition) for rollout in rollouts]
+    return pd.concat([table[table.episode_seed.isin(seeds)] for table in tables if len(table)] or [published[:0]])
+
+
+def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, console: "Console") -> "pd.DataFrame":
+    """Roll out and store what is missing, and print the scores of each arm, setting and policy; gives the rows."""
     import pandas as pd
 
     from benchmark.episodes.table import drop_outdated
@@ -140,11 +178,13 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     with replacing(folder / "entry.yaml") as path:
         shutil.copyfile(entry.folder / "entry.yaml", path)
     tables = run_and_store_all(rollouts, run, entry.about.name, console)
-    if dropped := drop_outdated(folder, rollouts[0].condition):
+    scales = {rollout.condition.guidance_scale: rollout.condition for rollout in rollouts}
+    if dropped := sum(drop_outdated(folder, condition) for condition in scales.values()):
         console.print(f"{dropped} rows of these episodes, by other files of the entry at this scale, are dropped.")
     for row in (by_condition(table, rollouts[0].task).iloc[0] for table in tables):
         scores = ", ".join(f"{name} {with_interval(row, name)}" for name in rollouts[0].task.score_names)
-        console.print(f"{row.robot}, {row.setting}, {row.checkpoint}, n = {row.n}: {scores}", soft_wrap=True)
+        named = f"{row.robot}, {row.setting}, {row.checkpoint}, scale {row['lambda']:g}"
+        console.print(f"{named}, n = {row.n}: {scores}", soft_wrap=True)
     made = pd.concat(tables)
     some = made.sample(min(ALONE, len(made)), random_state=0)
     again = (alone(rollouts[nearest(row, rollouts)[0]], row["episode_seed"]) for row in some.to_dict("records"))
@@ -155,6 +195,7 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
             f"keeps something from one batch to the next. Its rows are in {folder}, under refused-…."
         )
     console.print(f"Episodes: {folder / 'episodes'}", soft_wrap=True)
+    return made
 
 
 def _check_author(entry: Entry, folder: Path) -> None:
@@ -176,7 +217,7 @@ def check(config: EnterConfig, rollouts: "Sequence[Rollout]", console: "Console"
 
     table = read_checked(Path(config.table), rollouts[0].task)
     assert config.episodes is not None
-    refused = list(refusals(table, rollouts, range(FIRST_TEST_SEED, FIRST_TEST_SEED + config.episodes)))
+    refused = list(refusals(table, rollouts, range(config.seed_start, config.seed_start + config.episodes)))
     if not refused:
         chance = np.random.default_rng()  # The operating system's: the entry's code could seed NumPy's own.
         sample = table if config.replays is None else table.sample(min(config.replays, len(table)), random_state=chance)

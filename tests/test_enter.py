@@ -72,6 +72,18 @@ def test_what_could_change_unseen_is_no_part_of_an_entry(tmp_path):
             enter.main(settings(folder, tmp_path / "out"))
 
 
+def test_scales_are_tried_on_validation_scenes_and_keep_each_others_rows(tmp_path, capsys):
+    folder, output = write_entry(tmp_path / "slow"), tmp_path / "out"
+    with pytest.raises(SettingError, match="none on test episodes; try scales with seed_start=50000"):
+        settings(folder, output, scale=[0.9])
+    few = {"seed_start": 50_000, "episodes": 1, "slots": 1}
+    enter.main(settings(folder, output, scale=[0.9, 1.0], **few))
+    enter.main(settings(folder, output, scale=[1.0], **few))
+    assert sorted(read_episodes(output / "half-speed")["lambda"]) == [0.9, 1.0]
+    assert "minus direct" in capsys.readouterr().out
+    assert (output / "half-speed" / "curves.png").is_file()
+
+
 def test_an_entry_does_not_hold_its_own_episodes(tmp_path):
     folder = write_entry(tmp_path / "mine", name="mine", scale=1.0)
     for output in (tmp_path, folder, folder / "rows"):

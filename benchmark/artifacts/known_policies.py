@@ -9,8 +9,11 @@ from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig
 from benchmark.settings.recipe import RECIPES, USUAL, policy_name
 
+RESULTS = Path(__file__).parents[2] / "results"
+"""What is published."""
+
 CHECKPOINTS = [
-    Path(__file__).parents[2] / "results" / "checkpoints",
+    RESULTS / "checkpoints",
     *(Path("outputs") / "source_policies" / recipe for recipe in RECIPES),
     Path("outputs") / "checkpoints",
 ]

@@ -75,6 +75,10 @@ class Entry:
             raise SettingError(f"{file}: {error}") from error
         return cls(folder, about)
 
+    def at(self, scale: float) -> "Entry":
+        """The same entry with its class made at another scale."""
+        return replace(self, about=replace(self.about, scale=scale))
+
     @cached_property
     def files_hash(self) -> str:
         """SHA-256 over the names and contents of its files, but for hidden ones and Python's own.

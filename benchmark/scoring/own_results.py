@@ -48,8 +48,7 @@ def results_text(table: "pd.DataFrame", task: "Task", width: int | None = None) 
     for arm, group in _by_arm(table):
         lines = [
             [
-                row.method
-                + (f", {1000 * row.cell_size:g} mm" if group.cell_size.nunique() > 1 and row.cell_size else ""),
+                _method(row, group),
                 f"{row['lambda']:g}",
                 str(row.n),
                 with_interval(row, name),
