@@ -1,4 +1,4 @@
-"""How a command's settings are composed: its schema, what its groups can be, and the files in `benchmark/conf/`."""
+"""How a command's settings are composed: its schema, what its groups can be, and the files in `conf/`."""
 
 from pathlib import Path
 
