@@ -34,8 +34,8 @@ class Guidance(ABC):
         """New episodes begin in these rows of the batch; None for all. Whoever remembers something forgets it here."""
 
     def imagine(self, environment: Float[Tensor, "b t rest"], state: Float[Tensor, "b state"]) -> Tensor:
-        """The `observation.environment_state`s that the policy is shown, of the same shape, in place of the real ones;
-        the last one of each row is the present."""
+        """The scenes that the policy is shown in place of the real ones: `observation.environment_state`, of the same
+        shape. The last one of each row is the present."""
         return environment
 
     def push(self, state: Float[Tensor, "b state"]) -> Float[Tensor, "b action"] | None:
