@@ -178,12 +178,12 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     with replacing(folder / "entry.yaml") as path:
         shutil.copyfile(entry.folder / "entry.yaml", path)
     tables = run_and_store_all(rollouts, run, entry.about.name, console)
-    scales = {rollout.condition.guidance_scale: rollout.condition for rollout in rollouts}
-    if dropped := sum(drop_outdated(folder, condition) for condition in scales.values()):
+    scales = [*{rollout.condition.guidance_scale: rollout.condition for rollout in rollouts}.values()]
+    if dropped := sum(drop_outdated(folder, condition) for condition in scales):
         console.print(f"{dropped} rows of these episodes, by other files of the entry at this scale, are dropped.")
     for row in (by_condition(table, rollouts[0].task).iloc[0] for table in tables):
         scores = ", ".join(f"{name} {with_interval(row, name)}" for name in rollouts[0].task.score_names)
-        named = f"{row.robot}, {row.setting}, {row.checkpoint}, scale {row['lambda']:g}"
+        named = f"{row.robot}, {row.setting}, {row.checkpoint}" + (f", scale {row['lambda']:g}" if scales[1:] else "")
         console.print(f"{named}, n = {row.n}: {scores}", soft_wrap=True)
     made = pd.concat(tables)
     some = made.sample(min(ALONE, len(made)), random_state=0)

@@ -2,6 +2,7 @@
 
 import functools
 import json
+import logging
 
 import numpy as np
 import pytest
@@ -13,6 +14,18 @@ def every_torch_warning():
     import torch
 
     torch.set_warn_always(True)
+
+
+@pytest.fixture(autouse=True)
+def no_log_outlives_its_test():
+    """A library that is made to log, as by Hydra's --info, would go on doing so into a test's closed output."""
+    root = logging.getLogger()
+    handlers, level = root.handlers[:], root.level
+    yield
+    for handler in root.handlers[:]:
+        if handler not in handlers and type(handler) in (logging.StreamHandler, logging.FileHandler):
+            root.removeHandler(handler)
+    root.setLevel(level)
 
 
 @pytest.fixture(scope="session")

@@ -1,11 +1,8 @@
 """What an arm is called that stands or is limited otherwise than its setting says."""
 
-from dataclasses import replace
-
-import pandas as pd
 import pytest
 
-from benchmark.episodes.arm import arm_columns, arm_name, setting_text, stored_arms
+from benchmark.episodes.arm import arm_columns, arm_name, setting_text
 from envs.block_push.arm import block_push_arm
 
 
@@ -32,14 +29,3 @@ def test_each_arm_of_a_setting_is_called_by_it_alone():
     for robot in ("xarm6", "ur3", "ur5", "ur10"):
         for setting in ("original", "embodied", "best"):
             assert arm_name(block_push_arm(robot, setting)) == f"{robot}-{setting}"
-
-
-def test_arms_that_stand_otherwise_come_after_the_settings_own_and_leaning_ones_not_at_all():
-    usual = block_push_arm("ur10")
-    wrist_out = block_push_arm("ur10", branch="wrist_out")
-    others = block_push_arm("ur5"), block_push_arm("ur10", "best")
-    arms = [replace(usual, orientation_weight=0.01), wrist_out, usual, *others]
-    rows = pd.DataFrame([arm_columns(arm) | {"method": "direct"} for arm in arms])
-    asked = ["ur3", "ur10"], ["embodied"]
-    assert stored_arms(rows, *asked) == [usual, wrist_out]
-    assert stored_arms(rows.assign(method="paper"), *asked) == stored_arms(pd.DataFrame(), *asked) == []

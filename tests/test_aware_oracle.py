@@ -11,14 +11,14 @@ from envs.arm.feasibility import table_feasibility
 from envs.block_push.aware_oracle import AwareOracle
 from envs.block_push.oracle import run_oracle
 from envs.block_push.outcome import summarize
-from envs.block_push.workspace import WORKSPACE
+from envs.block_push.workspace import HEIGHT, WORKSPACE
 
 pytestmark = pytest.mark.system
 
 
 def play(robot, seeds, spacing):
     env = gymnasium.make(ENVIRONMENTS[robot], disable_env_checker=True)
-    oracle = functools.partial(AwareOracle, table_feasibility(env.unwrapped.arm, spacing, WORKSPACE))
+    oracle = functools.partial(AwareOracle, table_feasibility(env.unwrapped.arm, spacing, WORKSPACE, HEIGHT))
     return [run_oracle(env, seed, oracle) for seed in seeds]
 
 

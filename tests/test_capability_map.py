@@ -109,7 +109,7 @@ def test_a_full_cell_is_full_and_within_capacity():
 
 def test_neither_interruptions_nor_the_number_of_workers_change_the_map(coarse_map, tmp_path, monkeypatch):
     monkeypatch.setattr(capability_construction, "SAVE_INTERVAL", 0)
-    monkeypatch.setattr(capability_construction, "ProcessPoolExecutor", in_threads)
+    monkeypatch.setattr(capability_construction, "worker_pool", in_threads)
     file = tmp_path / "unfinished.safetensors"
     with pytest.raises(KeyboardInterrupt):
         build_capability_map(ROBOT, GRID, SETTINGS, 1, interrupt_the_third_draw, file)
@@ -123,7 +123,7 @@ def test_neither_interruptions_nor_the_number_of_workers_change_the_map(coarse_m
 
 
 def test_an_unfinished_map_of_other_settings_is_not_gone_on_from(coarse_map, tmp_path, monkeypatch):
-    monkeypatch.setattr(capability_construction, "ProcessPoolExecutor", in_threads)
+    monkeypatch.setattr(capability_construction, "worker_pool", in_threads)
     file = tmp_path / "unfinished.safetensors"
     coarse_map.save(file)
     settings = replace(SETTINGS, seed=1, target=coarse_map.inserted // 2)

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.system
 ROOT = Path(__file__).parents[1]
 BAD = {
     "robot=ur7": "robot=ur7 is not allowed. Allowed: ",
-    "robot.path=a.urdf": "There is no setting 'robot.path'",
+    "robot.path=a.urdf": "robot.path=a.urdf goes with robot=custom. Here robot=ur3.",
     "lamda=1": "There is no setting 'lamda'. Did you mean 'lambda'? See all settings: python -m benchmark.run --help",
     "map.cel_size=1": "Did you mean 'map.cell_size'?",
     "lambda=-1": "Allowed: any number >= 0",

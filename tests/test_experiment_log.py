@@ -100,7 +100,7 @@ def test_artifacts_lead_from_maps_to_evaluation_and_from_a_training(
     of_field, evaluation, validation = offline_runs(tmp_path)
     assert [name.rpartition("-")[0] for name in of_field.used] == ["map-xarm6", "map-ur3"]
     ((name, field),) = of_field.made.items()
-    assert name == "field-ur3-ffffffffffff"
+    assert name == f"field-ur3-{rollout.condition.field_fingerprint[:12]}"
     assert {*evaluation.used} == {name, *validation.made}
     assert evaluation.used[name].digest == field.digest
     for name, checkpoint in validation.made.items():

@@ -62,7 +62,7 @@ def test_it_acts_in_metres_as_its_processors_say(untrained):
     from benchmark.rollouts.stock_policy import StockPolicy
 
     policy = StockPolicy(untrained, "cpu", SHOWN)
-    policy.reset()
+    policy.reset(range(64))
     batch = {"observation.state": torch.rand(64, 4), "observation.environment_state": torch.rand(64, 12)}
     actions = policy.select_action(batch, 0, 0)
     assert 0.01 < actions.abs().max() <= 0.03 + 1e-6

@@ -127,7 +127,7 @@ def with_scale(config):
 
 
 def test_the_scale_is_the_one_chosen_on_validation_episodes(tmp_path):
-    config = RunConfig(RobotConfig("ur3"), None, "projection", device="cpu")
+    config = RunConfig(RobotConfig("ur3"), guidance_scale=None, method="projection", device="cpu")
     condition = make_rollout(config, 1.0, checkpoint_folder(42), Console()).condition
     config.scales_dir = scales(tmp_path / "a", condition)
     assert with_scale(config) == 0.02

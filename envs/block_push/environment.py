@@ -36,6 +36,9 @@ OBS_TYPES = ("state", "environment_state_agent_pos", "pixels", "pixels_agent_pos
 
 Observation = Float[np.ndarray, "16"] | UInt8[np.ndarray, "height width 3"] | dict[str, np.ndarray]
 
+LEROBOT_BEGINS = "lerobot_new_rollout"
+"""An option that `lerobot-eval` gives; it changes nothing here."""
+
 
 class BlockPushEnv(gymnasium.Env):
     """Push two blocks into two targets, one each, with a rod held by an arm. Ten control steps per second.
@@ -131,7 +134,7 @@ class BlockPushEnv(gymnasium.Env):
             ValueError: If there is another option, or the scene cannot be placed.
         """
         options = options or {}
-        if unknown := [*map(repr, options.keys() - {"scene"})]:
+        if unknown := [*map(repr, options.keys() - {"scene", LEROBOT_BEGINS})]:
             raise ValueError(f"There is no option {', '.join(unknown)}. Options: scene")
         given = None if options.get("scene") is None else checked_scene(options["scene"])
         super().reset(seed=seed)
