@@ -125,7 +125,8 @@ def _draw_demonstration(config: RecordConfig, console: "Console") -> None:
     from benchmark.training.demonstration_chunks import kind_of
     from benchmark.training.demonstration_recipe import CollectConfig
 
-    seed, recipe, frames = config.demonstration, CollectConfig(), {}
+    seed, recipe = config.demonstration, CollectConfig()
+    frames: dict[int, list] = {}
     env = gymnasium.make(envs.ENVIRONMENTS[SOURCE], render_mode="rgb_array")
 
     def watch(attempt: int) -> None:
