@@ -3,7 +3,7 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from benchmark.artifacts import progress
+from richmap import progress
 
 
 @pytest.mark.parametrize("terminal", [False, True])
