@@ -89,7 +89,7 @@ def test_nothing_heavy_is_imported_before():
     errors = [line for line in lines if not line.startswith("import time:")]
     imported = {line.rsplit("|", 1)[1].strip() for line in lines if line.startswith("import time:")}
     assert ended.returncode == 2 and len(errors) == 1
-    assert "recipe=robust seed=7 checkpoint=1 is not there. Trained: seed42-1" in errors[0]
+    assert "recipe=robust seed=7 checkpoint=1 is not there. Here: seed42-1" in errors[0]
     assert not {"torch", "lerobot", "mujoco", "robosuite"} & imported
 
 

@@ -16,6 +16,7 @@ import torch
 from rich.console import Console
 
 from benchmark import enter
+from benchmark.artifacts import known_policies
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.enter import EnterConfig
 from benchmark.episodes.checked_rows import read_checked
@@ -110,8 +111,15 @@ def test_an_entry_with_a_guidance_class_is_evaluated_and_its_rows_are_accepted(e
         assert f"is accepted: 3 rows, of which {some} replay to the last bit." in shown
 
 
-def test_the_papers_protocol_is_setting_original_with_three_policies_of_a_seed(entry, tmp_path):
+def test_the_papers_protocol_is_setting_original_with_three_policies_of_a_seed(entry, tmp_path, monkeypatch):
     config = settings(entry, tmp_path, settings=["original"], episodes=1, slots=None)
+    with pytest.raises(SettingError, match="of each seed only the best policy ships. .* benchmark.source_policies"):
+        enter.main(config)
+    for rank in (2, 3):  # As if they had been trained here.
+        copy = shutil.copytree(checkpoint_folder(42), tmp_path / "trained" / f"seed42-{rank}")
+        said = json.loads((copy / "config.json").read_text()) | {"n_action_steps": rank}
+        (copy / "config.json").write_text(json.dumps(said))
+    monkeypatch.setattr(known_policies, "CHECKPOINTS", [*known_policies.CHECKPOINTS, tmp_path / "trained"])
     enter.main(config)
     rows = read_checked(tmp_path / "mine", BLOCK_PUSH)
     assert {*rows.checkpoint} == {"seed42-1", "seed42-2", "seed42-3"} and {*rows.setting} == {"original"}

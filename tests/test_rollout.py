@@ -86,15 +86,17 @@ def test_the_policy_solves_its_own_arm(episodes):
 
 
 def test_a_policy_is_found_by_its_recipe_seed_and_rank():
-    assert checkpoint_folder(43, 2).name == "seed43-2"
-    assert checkpoint_folder(43, 2, "clean").name == "clean-seed43-2"
+    assert checkpoint_folder(43).name == "seed43-1"
+    assert checkpoint_folder(43, 1, "clean").name == "clean-seed43-1"
     with pytest.raises(SettingError, match="recipe=dirty is not allowed. Allowed: robust, clean"):
         dataclasses.replace(CONFIG, recipe="dirty")
 
 
 def test_an_unknown_training_seed_is_refused():
-    with pytest.raises(ValueError, match="seed=7 checkpoint=1 is not there. Trained: .*seed42-1"):
+    with pytest.raises(ValueError, match="seed=7 checkpoint=1 is not there. Here: .*seed42-1"):
         checkpoint_folder(7)
+    with pytest.raises(ValueError, match=r"published, but .*: python -m benchmark.source_policies .*seeds=\[42\]"):
+        checkpoint_folder(42, 3)
 
 
 def test_a_killed_run_goes_on_where_it_was(tmp_path):

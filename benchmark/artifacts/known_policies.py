@@ -45,14 +45,16 @@ def checkpoint_folder(seed: int, rank: int = 1, recipe: str = USUAL) -> Path:
     Raises:
         SettingError: If there is none.
     """
+    name = policy_name(recipe, seed, rank)
     for root in CHECKPOINTS:
-        folder = root / policy_name(recipe, seed, rank)
+        folder = root / name
         if (folder / "model.safetensors").exists():
             return Checkpoint.from_path(str(folder)).folder
     there = {folder.name for root in CHECKPOINTS for folder in policies_in(root, recipe)}
+    why = ": its rows are published, but of each seed only the best policy ships" if name in published() else ""
     raise SettingError(
-        f"recipe={recipe} seed={seed} checkpoint={rank} is not there. Trained: {', '.join(sorted(there)) or 'none'}. "
-        f"Train more: python -m benchmark.source_policies recipe={recipe} seeds=[{seed}]"
+        f"recipe={recipe} seed={seed} checkpoint={rank} is not there{why}. Here: {', '.join(sorted(there)) or 'none'}. "
+        f"Train it (hours): python -m benchmark.source_policies recipe={recipe} seeds=[{seed}]"
     )
 
 
@@ -63,6 +65,11 @@ def policies_in(folder: Path, recipe: str) -> list[Path]:
 
 def shipped(recipe: str = USUAL, task: str = RunConfig.task) -> set[str]:
     """Hashes of a recipe's policies whose rows are published, for a task, whether or not all of them lie here."""
+    hashes = published(task)
+    return {hashes[name] for name in fnmatch.filter(hashes, policy_name(recipe, "*", "*"))}
+
+
+def published(task: str = RunConfig.task) -> dict[str, str]:
+    """Names of the policies whose rows are published, for a task, with their hashes."""
     file = (CHECKPOINTS[0] if task == RunConfig.task else CHECKPOINTS[0] / task) / "policies.json"
-    published = json.loads(file.read_text()) if file.exists() else {}
-    return {published[name] for name in fnmatch.filter(published, policy_name(recipe, "*", "*"))}
+    return json.loads(file.read_text()) if file.exists() else {}
