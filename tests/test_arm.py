@@ -17,6 +17,11 @@ from envs.block_push.arm import block_push_arm
             "embodied, self-collision off, orientation weight 0.01",
             "ur10-embodied-self-collision_off-orientation_weight_0.01",
         ),
+        (
+            {"narrowed": (1.0, -1.0, 1.0), "tool_length": 0.12, "delay": 0.2},
+            "embodied, joint 1 from -1 to 1 rad, tool 0.12 m, commands 0.2 s late",
+            "ur10-embodied-joint_1_from_-1_to_1_rad-tool_0.12_m-commands_0.2_s_late",
+        ),
     ],
 )
 def test_an_arm_is_called_by_its_setting_and_what_is_otherwise(changes, text, name):

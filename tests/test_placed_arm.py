@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from envs import BLOCK_PUSH
-from envs.arm.feasibility import table_feasibility
+from envs.arm.feasibility import Feasibility, table_feasibility
 from envs.arm.placed_arm import FOUND, start_posture
 from envs.block_push.arm import block_push_arm
 from envs.block_push.scene import draw_scene
@@ -134,3 +134,66 @@ def test_a_posture_can_be_given_and_is_not_sought():
         block_push_arm("ur3", posture=joints.tolist())
     with pytest.raises(ValueError, match="ur3 has 6 joints. Got a posture of 3"):
         block_push_arm("ur3", branch=FOUND, posture=[0.0, 0.0, 0.0])
+
+
+def test_a_narrowed_joint_never_leaves_its_range():
+    free, held = block_push_arm("ur5"), block_push_arm("ur5", narrowed=(1.0, -1.4, 0.2))
+    joints = []
+    for arm in (free, held):
+        env = gymnasium.make(BLOCK_PUSH, arm=arm, disable_env_checker=True)
+        env.reset(seed=1)
+        for _ in range(40):  # To the other end of the table.
+            _, _, _, _, info = env.step(np.array([0.0, 0.03]))
+        joints.append(env.unwrapped._simulation.joint_angles[0])
+    assert joints[0] > 0.5 and joints[1] == pytest.approx(0.2, abs=1e-3)
+    assert info["tracking_error"] > 0.05 and info["joint_limit_margin"] == pytest.approx(0, abs=1e-3)
+
+
+def test_where_a_narrowed_arm_can_be_ends_at_its_limit():
+    table = table_feasibility(block_push_arm("ur5", narrowed=(1.0, -0.9, 0.2)), 0.1, WORKSPACE, HEIGHT)
+    free = table_feasibility(block_push_arm("ur5"), 0.1, WORKSPACE, HEIGHT)
+    lost = table.cause[free.feasible] != 0
+    assert 0.1 < lost.mean() < 0.6 and {*table.cause[free.feasible][lost]} == {Feasibility.JOINT_LIMIT}
+
+
+def test_a_late_command_is_that_of_two_steps_ago():
+    env = gymnasium.make(BLOCK_PUSH, robot="ur5", delay=0.2, disable_env_checker=True)
+    state, info = env.reset(seed=1)
+    told, heard = [state[8:10]], []
+    for _ in range(8):
+        state, _, _, _, info = env.step(np.array([0.01, 0.02]))
+        told.append(state[8:10])
+        heard.append(info["commanded"])
+        assert info["tracking_error"] < 0.004  # Of what it has heard.
+    assert np.allclose(heard[:2], [told[0]] * 2) and np.allclose(heard[2:], told[1:-2], atol=1e-6)
+
+
+@pytest.mark.parametrize("length", [0.03, 0.04, 0.12])
+def test_a_longer_tool_raises_the_flange_and_leaves_its_end_where_it_was(length):
+    env = gymnasium.make(BLOCK_PUSH, robot="ur3", tool_length=length, disable_env_checker=True)
+    env.reset(seed=1)
+    for _ in range(5):
+        _, _, _, _, info = env.step(np.array([0.01, 0.02]))
+    assert info["flange"][2] == pytest.approx(0.02 + length, abs=2e-4) and info["tracking_error"] < 0.004
+    model, _ = env.unwrapped.physics
+    (rod,) = [i for i in range(model.ngeom) if model.geom(i).name == "gripper0_right_collision"]
+    assert 2 * model.geom(rod).size[1] == pytest.approx(length)
+
+
+@pytest.mark.parametrize(
+    "choices, match",
+    [
+        ({"narrowed": (7.0, -1.0, 1.0)}, "its number .1 to 6."),
+        ({"narrowed": (1.0, 1.0)}, "its number .1 to 6."),
+        ({"narrowed": (1.0, -1.0, 1.0), "setting": "original"}, "do not bind"),
+    ],
+)
+def test_a_range_that_cannot_be_is_refused(choices, match):
+    with pytest.raises(ValueError, match=match):
+        block_push_arm("ur5", **choices)
+
+
+def test_the_map_of_a_narrowed_arm_is_of_its_range():
+    robot, base = block_push_arm("ur5", narrowed=(1.0, -0.9, 0.2), tool_length=0.12).as_mapped()
+    assert (robot.lower[0], robot.upper[0]) == (-0.9, 0.2) and base == pytest.approx((0, 0, -0.08))
+    assert block_push_arm("ur5").as_mapped() == (load_robot("ur5"), (0, 0, 0))

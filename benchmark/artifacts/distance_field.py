@@ -35,7 +35,8 @@ def distance_field(
     inputs = {
         "field": "distance",
         "robot": arm.robot_fingerprint,
-        "base": [x + 0.0 for x in arm.base],  # No negative zero.
+        **({"narrowed": arm.narrowed} if arm.narrowed else {}),
+        "base": [x + 0.0 for x in arm.kinematic_base],  # No negative zero.
         "yaw": arm.yaw,
         "posture": [round(angle, 6) for angle in arm.posture],
         "bounds": arm.bounds,

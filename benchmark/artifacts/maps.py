@@ -59,14 +59,14 @@ def arm_energy_field(
     arm: "PlacedArm", map_config: MapConfig, config: EnergyConfig, workers: int, console: Console
 ) -> tuple["EnergyField", Path]:
     """The field of an arm as it stands, against the source."""
-    return energy_field(arm.description.turned(arm.yaw), arm.base, map_config, config, workers, console)
+    return energy_field(*arm.as_mapped(), map_config, config, workers, console)
 
 
 def arm_maps(
     arm: "PlacedArm", config: MapConfig, workers: int, console: Console
 ) -> tuple["ReachabilityMap", "ReachabilityMap"]:
     """The maps of the source and of an arm as it stands."""
-    return compared_maps(arm.description.turned(arm.yaw), arm.base, config, workers, console)
+    return compared_maps(*arm.as_mapped(), config, workers, console)
 
 
 def energy_field(

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from functools import cache
+from itertools import batched
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,9 +21,15 @@ BASE = ["base_x", "base_y", "base_z"]
 
 ARM = [
     "setting", "robot", "robot_fingerprint", *BASE, "base_yaw", "posture", "self_collision", "joint_limits",
-    "orientation_weight",
+    "orientation_weight", "narrowed", "tool_length", "delay",
 ]  # fmt: skip
 """Columns that tell an arm in tables of episodes."""
+
+TUPLES = ("posture", "narrowed")
+"""Those that hold several numbers."""
+
+SINCE = {"narrowed": (), "tool_length": 0.04, "delay": 0.0}
+"""Columns that rows of before lack, and what the arms of all of them had."""
 
 DECIMALS = 6
 """Of postures in rows, in [rad]: one that was found differs in the last bits from processor to processor."""
@@ -55,6 +62,9 @@ def arm_columns(arm: "PlacedArm") -> dict[str, Any]:
         "self_collision": arm.self_collision,
         "joint_limits": arm.joint_limits,
         "orientation_weight": arm.orientation_weight,
+        "narrowed": arm.narrowed,
+        "tool_length": arm.tool_length,
+        "delay": arm.delay,
     }
 
 
@@ -65,23 +75,29 @@ def arm_of(row: Mapping[str, Any], task: "Task") -> "PlacedArm":
         SettingError: If it is none of those that ship.
     """
     from envs.arm.place_arm import place_arm
-    from envs.arm.placed_arm import FOUND
 
-    branch = branch_of(row)
     try:
-        return place_arm(
-            row["robot"],
-            task.poses,
-            row["setting"],
-            base=base_of(row),
-            yaw=float(row["base_yaw"]),
-            branch=branch,
-            posture=[*map(float, row["posture"])] if branch == FOUND else None,
-            self_collision=bool(row["self_collision"]),
-            orientation_weight=float(row["orientation_weight"]),
-        )
+        return place_arm(row["robot"], task.poses, row["setting"], **choices_of(row))
     except ValueError as error:
         raise SettingError(f"A row's arm: {error}") from error
+
+
+def choices_of(row: Mapping[str, Any]) -> dict[str, Any]:
+    """What a row's arm is placed by, as `envs.arm.place_arm.place_arm` and `ArmConfig` have it."""
+    from envs.arm.placed_arm import FOUND
+
+    branch, since = branch_of(row), {name: row.get(name, usual) for name, usual in SINCE.items()}
+    return {
+        "base": [*base_of(row)],
+        "yaw": float(row["base_yaw"]),
+        "branch": branch,
+        "posture": [*map(float, row["posture"])] if branch == FOUND else None,
+        "self_collision": bool(row["self_collision"]),
+        "orientation_weight": float(row["orientation_weight"]),
+        "narrowed": [*map(float, since["narrowed"])],
+        "tool_length": float(since["tool_length"]),
+        "delay": float(since["delay"]),
+    }
 
 
 def base_of(row: Mapping[str, Any]) -> tuple[float, float, float]:
@@ -128,6 +144,9 @@ def changes(row: Mapping[str, Any], setting: str) -> list[str]:
         f"self-collision {'on' if row['self_collision'] else 'off'}": row["self_collision"] != usual["self_collision"],
         f"joint limits {'on' if row['joint_limits'] else 'off'}": row["joint_limits"] != usual["joint_limits"],
         f"orientation weight {row['orientation_weight']:g}": row["orientation_weight"] != usual["orientation_weight"],
+        **{f"joint {int(n)} from {low:g} to {high:g} rad": True for n, low, high in batched(row["narrowed"], 3)},
+        f"tool {row['tool_length']:g} m": row["tool_length"] != SINCE["tool_length"],
+        f"commands {row['delay']:g} s late": row["delay"] != SINCE["delay"],
     }
     return [text for text, differs in texts.items() if differs]
 
@@ -152,7 +171,7 @@ def usual_rows(episodes: "pd.DataFrame", setting: str) -> "pd.DataFrame":
 def alike(episodes: "pd.DataFrame", values: Mapping[str, Any]) -> "pd.DataFrame":
     """The rows that have these values in these columns."""
     for name, value in values.items():
-        same = [each == value for each in episodes[name]] if name == "posture" else episodes[name] == value
+        same = [each == value for each in episodes[name]] if name in TUPLES else episodes[name] == value
         episodes = episodes[np.array(same, dtype=bool)]
     return episodes
 

@@ -11,7 +11,7 @@ from typing import Any, get_args, get_type_hints
 import numpy as np
 import pandas as pd
 
-from benchmark.episodes.arm import ARM
+from benchmark.episodes.arm import ARM, SINCE, TUPLES
 
 CONDITION = [
     "task", *ARM, "method", "lambda", "sampler", "sampling_steps", "checkpoint_hash", "field_fingerprint",
@@ -49,6 +49,12 @@ class Condition:
     """Whether joints stop at their limits."""
     orientation_weight: float
     """Weight of orientation against position in the inverse kinematics, in [m/rad]."""
+    narrowed: tuple[float, ...]
+    """Joints whose limits are narrower than the description's: number from 1 on, least and greatest angle in [rad]."""
+    tool_length: float
+    """From the flange down, in [m]."""
+    delay: float
+    """How late commands come to the arm, in [s]."""
     method: str
     """Guidance: direct (none), paper (the energy's slope at the flange), or another of `policies.methods.METHODS`."""
     guidance_scale: float
@@ -80,9 +86,10 @@ class Condition:
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> "Condition":
         """The condition of a row."""
-        values: dict[str, Any] = {each.name: row.get(each.name) for each in fields(cls)}
+        values: dict[str, Any] = {each.name: row.get(each.name, SINCE.get(each.name)) for each in fields(cls)}
         size = math.nan if values["cell_size"] is None else values["cell_size"]
-        return cls(**values | {"guidance_scale": row["lambda"], "posture": tuple(row["posture"]), "cell_size": size})
+        values |= {name: tuple(values[name]) for name in TUPLES}
+        return cls(**values | {"guidance_scale": row["lambda"], "cell_size": size})
 
     def row(self) -> dict[str, Any]:
         """The condition as columns of the table."""
@@ -119,7 +126,7 @@ def column_types(outcome: type) -> dict[str, tuple[type, bool]]:
     for name, hint in hints.items():
         kinds = {*get_args(hint)} if isinstance(hint, UnionType) else {hint}
         (kind,) = kinds - {NoneType}
-        types[name] = (tuple if name == "posture" else kind, NoneType in kinds)
+        types[name] = (tuple if name in TUPLES else kind, NoneType in kinds)
     return types
 
 

@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from benchmark.episodes.arm import SINCE, TUPLES
 from benchmark.settings.command import SettingError
 
 FOLDER = "episodes"
@@ -42,6 +43,10 @@ def write_part(folder: Path, rows: pd.DataFrame) -> Path:
     It is there whole or not at all, also if the machine stops.
     """
     table = pa.Table.from_pandas(rows, preserve_index=False)
+    numbers = pa.list_(pa.float64())
+    for i, field in enumerate(table.schema):
+        if field.type == pa.list_(pa.null()):  # None of these rows has any.
+            table = table.set_column(i, field.name, table.column(i).cast(numbers))
     there = folder / FOLDER
     there.mkdir(parents=True, exist_ok=True)
     temporary = there / f".{os.getpid()}.tmp"
@@ -88,7 +93,8 @@ def read_part(file: Path, columns: Sequence[str] | None = None) -> pa.Table:
 
 
 def to_frame(tables: Sequence[pa.Table]) -> pd.DataFrame:
-    """Tables of parts in one data frame; postures are tuples, which can be grouped by."""
+    """Tables of parts in one data frame; lists are tuples, which can be grouped by, and columns that episodes did not
+    have before hold what all of them had."""
     if not tables:
         return pd.DataFrame()
     try:
@@ -96,8 +102,12 @@ def to_frame(tables: Sequence[pa.Table]) -> pd.DataFrame:
     except Exception as error:  # Whatever Arrow and pandas come across.
         text = " ".join(str(error).split())[:200]
         raise SettingError(f"A part of the table is damaged, or has other columns than the others: {text}") from error
-    if "posture" in frame:
-        frame["posture"] = [posture if posture is None else tuple(posture) for posture in frame.posture]
+    if "posture" in frame:  # A table of episodes, perhaps of before there were all columns.
+        for name, usual in SINCE.items():
+            frame[name] = [usual] * len(frame) if name not in frame else frame[name]
+    for name in TUPLES:
+        if name in frame:
+            frame[name] = [x if isinstance(x, tuple) else () if x is None else tuple(x) for x in frame[name]]
     return frame
 
 

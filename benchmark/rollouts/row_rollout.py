@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
 from benchmark.artifacts.known_policies import CHECKPOINTS
-from benchmark.episodes.arm import base_of, branch_of
+from benchmark.episodes.arm import choices_of
 from benchmark.episodes.episode import row_name
 from benchmark.rollouts.field_settings import noted_settings
 from benchmark.rollouts.make_rollout import make_rollout
@@ -111,18 +111,8 @@ def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> 
         config: Settings of the field, but for the size of its cells.
         guided: Whether the policy is of our type, whose sampler is set.
     """
-    from envs.arm.placed_arm import FOUND
-
     energy = row["method"] in METHODS and METHODS[row["method"]].field == "energy"
-    branch = branch_of(row)
-    arm = ArmConfig(
-        base=[*base_of(row)],
-        yaw=float(row["base_yaw"]),
-        branch=branch,
-        posture=[*map(float, row["posture"])] if branch == FOUND else None,
-        self_collision=row["self_collision"],
-        orientation_weight=row["orientation_weight"],
-    )
+    arm = ArmConfig(**choices_of(row))
     ours = {}
     if row["method"] in METHODS:
         ours = {"method": "paper" if row["method"] == "direct" else row["method"], "guidance_scale": row["lambda"]}

@@ -184,9 +184,20 @@ class ArmConfig:
     """Whether links collide with each other, true or false; null for the setting's."""
     orientation_weight: float | None = None
     """Weight of orientation against position in the inverse kinematics, in m/rad, above 0; null for the default."""
+    narrowed: list[float] = field(default_factory=list)
+    """Joints whose limits are narrower than the arm's: number from 1 on, least and greatest angle in rad, one after
+    another, as in arm.narrowed=[1,-1.05,1.05]; empty for none."""
+    tool_length: float = 0.04
+    """Of the tool, from the flange down, in m, from 0.02 to 0.3; its end is always held at the same height."""
+    delay: float = 0.0
+    """How late commands come to the arm, in s, from 0 to 1; a whole number of control steps of 0.1 s."""
 
     def __post_init__(self) -> None:
         base, weight = self.base, self.orientation_weight
+        check_setting(0.02 <= self.tool_length <= 0.3, "arm.tool_length", self.tool_length, "a number from 0.02 to 0.3")
+        steps = 10 * self.delay
+        whole = 0 <= self.delay <= 1 and abs(steps - round(steps)) < 1e-9
+        check_setting(whole, "arm.delay", self.delay, "tenths of a second from 0 to 1")
         if base is not None:
             near = len(base) == 3 and all(abs(x) <= 1 for x in base)
             check_setting(near, "arm.base", base, "[x,y,z] in m, each from -1 to 1")

@@ -118,7 +118,8 @@ def feasibility(
     for other in others if not reached.all() else ():
         cause[followed(other, points, height)[0] & ~reached] = Feasibility.WRONG_BRANCH
     if arm.joint_limits:
-        passed = ((joints < robot.lower) | (joints > robot.upper)).any(1)
+        lower, upper = arm.joint_range
+        passed = ((joints < lower) | (joints > upper)).any(1)
         cause[reached & passed] = Feasibility.JOINT_LIMIT
         reached = reached & ~passed
     if arm.self_collision:
@@ -143,7 +144,8 @@ def followed(
     if not within.all():
         beyond, passing = _followed(free, points, height)
         joints[~within] = passing[~within]
-        within |= beyond & ((passing < arm.description.lower) | (passing > arm.description.upper)).any(1)
+        lower, upper = arm.joint_range
+        within |= beyond & ((passing < lower) | (passing > upper)).any(1)
     return within, joints
 
 

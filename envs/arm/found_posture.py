@@ -102,13 +102,14 @@ def followed_share(arm: PlacedArm, poses: TaskPoses) -> float:
 
 def strain(arm: PlacedArm, joints: Float[np.ndarray, "n dof"]) -> Float[np.ndarray, " n"]:
     """How far joints are from the middle of their range: the root of the mean square of shares of its half."""
-    lower, upper = arm.description.lower, arm.description.upper
+    lower, upper = arm.joint_range
     return np.sqrt((((joints - (lower + upper) / 2) / ((upper - lower) / 2)) ** 2).mean(1))
 
 
 def nearest_to_middle(arm: PlacedArm, joints: Float[np.ndarray, "n dof"]) -> Float[np.ndarray, "n dof"]:
     """The same postures, each joint turned by full turns to where it is nearest to the middle of its range."""
-    middle = (arm.description.lower + arm.description.upper) / 2
+    lower, upper = arm.joint_range
+    middle = (lower + upper) / 2
     return joints - 2 * np.pi * np.round((joints - middle) / (2 * np.pi))
 
 
@@ -118,7 +119,7 @@ def _roughly(arm: PlacedArm, poses: TaskPoses) -> Float[np.ndarray, "n dof"]:
     starts = starting_configurations(robot, STARTS, seed=0)
     c, s = np.cos(arm.yaw), np.sin(arm.yaw)
     to_base = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-    point, down = to_base @ (np.array(poses.start) - arm.base), to_base @ np.diag([-1.0, 1.0, -1.0])
+    point, down = to_base @ (np.array(poses.start) - arm.kinematic_base), to_base @ np.diag([-1.0, 1.0, -1.0])
     joints, off, turned = refine(robot, starts, np.tile(point, (STARTS, 1)), np.tile(down, (STARTS, 1, 1)), 100)
     joints = nearest_to_middle(arm, joints[(off <= POSITION_TOLERANCE) & (turned <= ANGLE_TOLERANCE)])
     return joints[np.unique(np.round(joints / ALIKE), axis=0, return_index=True)[1]]
@@ -126,8 +127,8 @@ def _roughly(arm: PlacedArm, poses: TaskPoses) -> Float[np.ndarray, "n dof"]:
 
 def _holdable(arm: PlacedArm, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, " n"]:
     """Within the joint limits, no link that moves below the table, at z = 0, and free of self-collision if it binds."""
-    robot = arm.description
-    fine = ((joints >= robot.lower) & (joints <= robot.upper)).all(1)
+    robot, (lower, upper) = arm.description, arm.joint_range
+    fine = ((joints >= lower) & (joints <= upper)).all(1)
     fine &= lowest_points(robot, joints) + arm.base[2] >= 0
     if arm.self_collision:
         fine &= ~self_collision(robot)(joints)

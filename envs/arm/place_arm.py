@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
+from itertools import batched
 from typing import Any
 
 from envs.arm.found_posture import DECIMALS, find_posture
-from envs.arm.placed_arm import FOUND, ORIENTATION_WEIGHT, PlacedArm
+from envs.arm.placed_arm import FOUND, ORIENTATION_WEIGHT, TOOL_LENGTH, PlacedArm
 from envs.arm.task_poses import TaskPoses
 from richmap.robots import ROBOTS
 from richmap.robots.robot import RobotDescription
@@ -30,6 +31,9 @@ def place_arm(
     posture: Sequence[float] | None = None,
     self_collision: bool | None = None,
     orientation_weight: float | None = None,
+    narrowed: Sequence[float] = (),
+    tool_length: float = TOOL_LENGTH,
+    delay: float = 0.0,
 ) -> PlacedArm:
     """An arm as it does a task in a setting, with single choices replaced where given.
 
@@ -44,6 +48,9 @@ def place_arm(
         posture: The one that was found before, in [rad], with the branch `found`; it is not sought again.
         self_collision: Whether its links collide with each other.
         orientation_weight: Of its inverse kinematics, in [m/rad].
+        narrowed: Joints whose limits are narrower: number from 1 on, least and greatest angle in [rad], of each.
+        tool_length: From the flange down, in [m].
+        delay: How late a command comes, in [s].
 
     Raises:
         ValueError: If there is no such robot or setting, or the arm cannot do the task so.
@@ -64,6 +71,8 @@ def place_arm(
             f"Nobody has found where {description.name} stands best. Find it (python -m benchmark.studies.place_bases "
             "robots=[...]) and write it in the arm's file, or give its base."
         )
+    _check_limited(description, narrowed, chosen["joint_limits"])
+    chosen |= {"narrowed": tuple(map(float, narrowed)), "tool_length": float(tool_length), "delay": float(delay)}
     branches = file.branches if file else {}
     name = chosen.pop("branch")
     if name != FOUND and name not in branches:
@@ -84,6 +93,20 @@ def place_arm(
         if posture is None
         else replace(arm, posture=tuple(round(float(q), DECIMALS) for q in posture))
     )
+
+
+def _check_limited(robot: RobotDescription, narrowed: Sequence[float], binds: bool) -> None:
+    """Raise `ValueError` unless these are joints of the robot with ranges in their limits, and limits bind."""
+    joints = len(robot.joints)
+    for each in batched(narrowed, 3):
+        fits = len(each) == 3 and each[0] in range(1, joints + 1) and each[1] < each[2]
+        if not fits:
+            raise ValueError(
+                f"narrowed is, of each joint, its number (1 to {joints}), its least and its greatest angle in rad. "
+                f"Got {tuple(narrowed)}"
+            )
+    if narrowed and not binds:
+        raise ValueError("Joint limits do not bind in the setting original, so none can be narrowed there.")
 
 
 def usual_choices(robot: str, setting: str) -> dict[str, Any]:
@@ -118,7 +141,7 @@ def other_branches(arm: PlacedArm, poses: TaskPoses) -> list[PlacedArm]:
     _, file = _description_and_file(arm.description)
     names = [name for name in file.branches if name != arm.branch] if file else []
     alike: dict[str, Any] = {"base": arm.base, "yaw": arm.yaw, "self_collision": arm.self_collision}
-    alike["orientation_weight"] = arm.orientation_weight
+    alike |= {name: getattr(arm, name) for name in ("orientation_weight", "narrowed", "tool_length", "delay")}
     return [place_arm(arm.description, poses, arm.setting, branch=name, **alike) for name in names]
 
 

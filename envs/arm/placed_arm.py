@@ -2,6 +2,8 @@
 
 import hashlib
 from dataclasses import dataclass, fields
+from functools import cached_property
+from itertools import batched
 from typing import Any
 
 import numpy as np
@@ -17,6 +19,9 @@ ORIENTATION_WEIGHT = 1.0
 In the original the tool stays upright and its tip lags (tilt below 1 degree on a UR3 beyond its reach); this
 weight does the same.
 """
+
+TOOL_LENGTH = 0.04
+"""Of the usual tool, from the flange down, in [m]: whatever names a pose of the flange means one that carries it."""
 
 FOUND = "found"
 """What a branch is called that no file states."""
@@ -47,6 +52,14 @@ class PlacedArm:
     """Whether joints stop at their limits."""
     orientation_weight: float = ORIENTATION_WEIGHT
     """In [m/rad]."""
+    narrowed: tuple[float, ...] = ()
+    """Joints whose limits are narrower than the description's: number from 1 on, least and greatest angle in [rad], for
+    each of them one after another."""
+    tool_length: float = TOOL_LENGTH
+    """From the flange down, in [m]. The tool's end is where it is with the usual tool, so that the flange is held as
+    much higher as the tool is longer: to kinematics the base stands as much lower (`kinematic_base`)."""
+    delay: float = 0.0
+    """How late a command comes to the arm, in [s]."""
 
     @property
     def robot(self) -> str:
@@ -64,11 +77,31 @@ class PlacedArm:
         told = {each.name: getattr(self, each.name) for each in fields(self)}
         return told | {"description": self.robot_fingerprint}
 
+    @property
+    def kinematic_base(self) -> tuple[float, float, float]:
+        """Where the base would stand, in [m], if the arm with the usual tool held that as it holds its own."""
+        x, y, z = self.base
+        return x, y, z - (self.tool_length - TOOL_LENGTH)
+
+    @cached_property
+    def joint_range(self) -> tuple[Float[np.ndarray, " dof"], Float[np.ndarray, " dof"]]:
+        """Its joint limits, lower and upper, in [rad]: the description's, or narrower ones."""
+        lower, upper = self.description.lower.copy(), self.description.upper.copy()
+        for number, least, most in batched(self.narrowed, 3):
+            joint = int(number) - 1
+            lower[joint], upper[joint] = max(lower[joint], least), min(upper[joint], most)
+        return lower, upper
+
+    def as_mapped(self) -> tuple[RobotDescription, tuple[float, float, float]]:
+        """The description whose reachability map is this arm's, with its limits and its turn, and where it stands."""
+        robot = self.description.narrowed(*self.joint_range) if self.narrowed else self.description
+        return robot.turned(self.yaw), self.kinematic_base
+
     def limits(self) -> tuple[Float[np.ndarray, " dof"], Float[np.ndarray, " dof"]]:
         """Least and greatest joint angles that may be used, in [rad]: the limits where they bind, and the bounds."""
         robot = self.description
         unlimited = np.full(len(robot.joints), np.inf)
-        lower, upper = (robot.lower.copy(), robot.upper.copy()) if self.joint_limits else (-unlimited, unlimited)
+        lower, upper = (x.copy() for x in (self.joint_range if self.joint_limits else (-unlimited, unlimited)))
         for name, least, most in self.bounds:
             joint = robot.joints.index(name)
             lower[joint], upper[joint] = max(lower[joint], least), min(upper[joint], most)
@@ -83,8 +116,8 @@ class PlacedArm:
         return offset @ np.array([[c, -s], [s, c]])
 
     def kinematics(self) -> InverseKinematics:
-        """Inverse kinematics within its `limits`."""
-        base = np.array(self.base)
+        """Inverse kinematics within its `limits`, of the flange as it would carry the usual tool."""
+        base = np.array(self.kinematic_base)
         return InverseKinematics(self.description, base, self.yaw, self.orientation_weight, *self.limits())
 
 

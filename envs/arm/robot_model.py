@@ -13,6 +13,7 @@ from robosuite.models.grippers import GripperModel, register_gripper
 from robosuite.models.robots.manipulators.manipulator_model import ManipulatorModel
 from robosuite.robots import register_robot_class
 
+from envs.arm.placed_arm import TOOL_LENGTH
 from richmap.physics.mujoco_model import arm_spec
 from richmap.robots.robot import RobotDescription
 
@@ -20,18 +21,14 @@ ARMATURE = 0.1
 """Rotor inertia seen at every joint, in [kg m^2]; robosuite would set 5 / (i + 1), another one for every
 joint."""
 
-PUSHER_LENGTH = 0.04
-"""From the flange down, in [m]: with the flange at its height of .06 m the pusher ends at .02 m."""
-
-
 SHELL = "0.86 0.87 0.90 1"
 """Colour of the arms' covers."""
 
 
 @lru_cache
-def register_arm(robot: RobotDescription, visual: bool) -> str:
-    """Give robosuite a robot made from `richmap`'s description of this arm; returns the name it is known by
-    there.
+def register_arm(robot: RobotDescription, visual: bool, tool_length: float = TOOL_LENGTH) -> str:
+    """Give robosuite a robot made from `richmap`'s description of this arm, with a pusher of a length in [m]; returns
+    the name it is known by there.
 
     Links and joints keep their URDF names under a root body `base`; the flange is called `right_hand`. A link of the
     arm's that goes by one of these names gets another.
@@ -47,7 +44,7 @@ def register_arm(robot: RobotDescription, visual: bool) -> str:
                 super().__init__(str(file), idn=idn)
 
         default_base = "NullMount"
-        default_gripper = {"right": "Pusher"}
+        default_gripper = {"right": register_pusher(tool_length)}
         default_controller_config = {"right": "default"}
         init_qpos = np.zeros(len(robot.joints))
         base_xpos_offset: dict = {}
@@ -55,7 +52,8 @@ def register_arm(robot: RobotDescription, visual: bool) -> str:
         _horizontal_radius = 0.1
         arm_type = "single"
 
-    name = f"{robot.name}_{robot.fingerprint[:8]}"
+    tool = "" if tool_length == TOOL_LENGTH else f"_tool_{1e3 * tool_length:g}"
+    name = f"{robot.name}_{robot.fingerprint[:8]}{tool}"
     registered = type(f"{name}_seen" if visual else name, (Arm,), {})
     return register_robot_class("FixedBaseRobot")(registered).__name__
 
@@ -105,36 +103,42 @@ def _rename_body(root: ET.Element, old: str, new: str) -> None:
                 element.set(key, new)
 
 
-@register_gripper
-class Pusher(GripperModel):
-    """A vertical cylinder of radius 5 mm fixed to the flange, down to the height of a block's centre.
+@lru_cache
+def register_pusher(length: float) -> str:
+    """Give robosuite a pusher of a length in [m]; returns the name it is known by there.
+
+    A vertical cylinder of radius 5 mm fixed to the flange, down to the height of a block's centre.
 
     The original's suction tool is as thick down to .028 m, where it touches the blocks, and ends in a thin
     tip at .015 m that touches nothing. Touched only above .028 m, a block of MuJoCo's tips over now and then
     (in 5 of 100 episodes on a UR10, whose flange sways more than an xArm6's); touched down to .02 m, in none.
     """
 
-    def __init__(self, idn: int | str = 0) -> None:
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder, "pusher.xml")
-            file.write_text(_PUSHER_XML)
-            super().__init__(str(file), idn=idn)
+    class Pusher(GripperModel):
+        def __init__(self, idn: int | str = 0) -> None:
+            with tempfile.TemporaryDirectory() as folder:
+                file = Path(folder, "pusher.xml")
+                file.write_text(_PUSHER_XML.format(length=length, middle=length / 2))
+                super().__init__(str(file), idn=idn)
 
-    def format_action(self, action: Float[np.ndarray, "0"]) -> Float[np.ndarray, "0"]:
-        return action
+        def format_action(self, action: Float[np.ndarray, "0"]) -> Float[np.ndarray, "0"]:
+            return action
 
-    init_qpos = None
+        init_qpos = None
+
+    name = "Pusher" if length == TOOL_LENGTH else f"Pusher_{1e3 * length:g}"
+    return register_gripper(type(name, (Pusher,), {})).__name__
 
 
-_PUSHER_XML = f"""
+_PUSHER_XML = """
 <mujoco model="pusher">
   <worldbody>
     <body name="pusher" gravcomp="1">
-      <inertial pos="0 0 {PUSHER_LENGTH / 2}" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/>
+      <inertial pos="0 0 {middle}" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/>
       <site name="ft_frame"/>
-      <geom name="collision" type="cylinder" fromto="0 0 0 0 0 {PUSHER_LENGTH}" size="0.005" group="0"
+      <geom name="collision" type="cylinder" fromto="0 0 0 0 0 {length}" size="0.005" group="0"
             condim="4" friction="1 0.005 0.0001" solref="0.004 1"/>
-      <geom name="visual" type="cylinder" fromto="0 0 0 0 0 {PUSHER_LENGTH}" size="0.005" group="1"
+      <geom name="visual" type="cylinder" fromto="0 0 0 0 0 {length}" size="0.005" group="1"
             contype="0" conaffinity="0" rgba="0.1 0.1 0.12 1" mass="0"/>
       <body name="eef" gravcomp="1">
         <site name="grip_site"/>

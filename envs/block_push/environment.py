@@ -44,8 +44,9 @@ class BlockPushEnv(gymnasium.Env):
     """Push two blocks into two targets, one each, with a rod held by an arm. Ten control steps per second.
 
     Action, 2 numbers in [m]: step of the commanded effector in x and y, clipped to 0.1 each; the command adds
-    up, independent of where the arm really is, and stays in the box x .15 to .70, y -.50 to .50. The flange
-    is kept at z = .06 with the tool upright.
+    up, independent of where the arm really is, and stays in the box x .15 to .70, y -.50 to .50. An arm to which
+    commands come late (`PlacedArm.delay`) does what it was told so long ago; infos are of that command, observations of
+    the present one. The flange is kept at z = .06 with the tool upright, or as much higher as its tool is longer.
 
     State, 16 numbers, xy in [m] in the world, yaw in [rad] modulo pi: block x, y, yaw (0-2); block2 (3-5);
     effector measured x, y (6-7) and commanded x, y (8-9); target x, y, yaw (10-12); target2 (13-15). With
@@ -98,7 +99,8 @@ class BlockPushEnv(gymnasium.Env):
         self._seen, self._shown = (observation_width, observation_height), (visualization_width, visualization_height)
         self.action_space = spaces.Box(-MAX_STEP, MAX_STEP, (BLOCK_PUSH_SPACE.action.width,), np.float32)
         self.observation_space = _observation_space(obs_type, *self._seen)
-        self._lower, self._upper = arm.description.lower, arm.description.upper
+        self._lower, self._upper = arm.joint_range
+        self._delay = round(arm.delay * CONTROL_FREQUENCY)
         self._build()
 
     def _build(self) -> None:
@@ -144,6 +146,8 @@ class BlockPushEnv(gymnasium.Env):
         self._scene = scene
         self._targets = np.stack([scene.target, scene.target2])
         self._command = np.array(scene.effector, dtype=float)
+        self._underway = [self._command.copy()] * self._delay
+        self._arrived = self._command.copy()
         self._posture = self._posture_over(scene)
         self._running.place(scene, self._posture.joints)
         self._been_inside = np.zeros((2, 2), dtype=bool)
@@ -209,7 +213,9 @@ class BlockPushEnv(gymnasium.Env):
         return self.obs_type.startswith("pixels")
 
     def _advance(self) -> None:
-        self._posture = self._kinematics.solve(np.array([*self._command, HEIGHT]), self._posture.joints)
+        self._underway.append(self._command.copy())
+        self._arrived = self._underway.pop(0)
+        self._posture = self._kinematics.solve(np.array([*self._arrived, HEIGHT]), self._posture.joints)
         self._running.step(self._posture.joints)
 
     def _stays_placed(self) -> bool:
@@ -264,10 +270,10 @@ class BlockPushEnv(gymnasium.Env):
             "reward_both": earned[1],
             "step": self._steps,
             "mode": self._scene.mode,
-            "commanded": self._command.copy(),
+            "commanded": self._arrived.copy(),
             "flange": flange,
             "base": np.array(self.arm.base),
-            "tracking_error": float(np.linalg.norm(flange[:2] - self._command)),
+            "tracking_error": float(np.linalg.norm(flange[:2] - self._arrived)),
             "ik_residual": self._posture.residual,
             "joint_limits": self.arm.joint_limits,
             "joint_limit_margin": float(np.minimum(joints - self._lower, self._upper - joints).min()),

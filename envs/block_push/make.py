@@ -30,8 +30,8 @@ def make(
         observation_height: See there.
         visualization_width: Of the picture that `render` gives, in pixels; likewise the next.
         visualization_height: See there.
-        choices: `setting`, `base`, `yaw`, `branch`, `self_collision`, `orientation_weight`, as
-            `envs.arm.place_arm.place_arm` has them.
+        choices: `setting`, `base`, `yaw`, `branch`, `self_collision`, `orientation_weight`, `narrowed`, `tool_length`,
+            `delay`, as `envs.arm.place_arm.place_arm` has them.
     """
     return BlockPushEnv(
         block_push_arm(robot, **choices) if arm is None else arm,

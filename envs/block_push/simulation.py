@@ -62,7 +62,7 @@ class BlockPushSimulation(ManipulationEnv):
     ) -> None:
         self._arm, self._start = arm, start
         super().__init__(
-            robots=register_arm(arm.description, visual),
+            robots=register_arm(arm.description, visual, arm.tool_length),
             controller_configs=CONTROLLER,
             use_camera_obs=False,
             has_offscreen_renderer=False,
@@ -108,6 +108,9 @@ class BlockPushSimulation(ManipulationEnv):
         tighten_bounds(model)
         prefix = self.robots[0].robot_model.naming_prefix
         self.joints = np.array([model.joint(j).qposadr[0] for j in self.robots[0].robot_model.joints])
+        if self._arm.narrowed:
+            names = self.robots[0].robot_model.joints
+            model.jnt_range[[model.joint(name).id for name in names]] = np.stack(self._arm.joint_range, axis=1)
         self.flange = model.body(f"{prefix}right_hand").id
         arm_root = model.body(f"{prefix}base").id
         self.arm_geoms = (model.body_rootid[model.geom_bodyid] == arm_root) & (model.geom_contype != 0)

@@ -95,6 +95,14 @@ class RobotDescription:
         ET.SubElement(joint, "child", link=self.base)
         return replace(self, urdf=ET.tostring(root, encoding="unicode"), base=base)
 
+    def narrowed(self, lower: Float[np.ndarray, " dof"], upper: Float[np.ndarray, " dof"]) -> "RobotDescription":
+        """The same arm with other joint limits, in [rad]."""
+        root = ET.fromstring(self.urdf)
+        limits = {joint.get("name"): joint.find("limit") for joint in root.iter("joint")}
+        for name, least, most in zip(self.joints, lower, upper, strict=True):
+            limits[name].attrib.update(lower=repr(float(least)), upper=repr(float(most)))
+        return replace(self, urdf=ET.tostring(root, encoding="unicode"))
+
     def chain(self) -> "pytorch_kinematics.SerialChain":
         """Differentiable kinematics from base to flange."""
         import pytorch_kinematics
