@@ -5,6 +5,7 @@ killed, a disk that is full, or two processes that write at once.
 """
 
 import hashlib
+import json
 import os
 import re
 from collections.abc import Iterable, Sequence
@@ -16,6 +17,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from benchmark.episodes.arm import SINCE, TUPLES
+from benchmark.episodes.episode import PANDAS
 from benchmark.settings.command import SettingError
 
 FOLDER = "episodes"
@@ -47,11 +49,34 @@ def write_part(folder: Path, rows: pd.DataFrame) -> Path:
     for i, field in enumerate(table.schema):
         if field.type == pa.list_(pa.null()):  # None of these rows has any.
             table = table.set_column(i, field.name, table.column(i).cast(numbers))
+    return _write(folder, table)
+
+
+def _write(folder: Path, table: pa.Table) -> Path:
+    """A table as a part, without what Parquet says of each column, which is as large as the rows of a small part."""
+    about = table.schema.pandas_metadata
+    about["columns"] = [said for said in about["columns"] if said["numpy_type"] in PANDAS.values()]
+    table = table.replace_schema_metadata({"pandas": json.dumps(about)})
+    alike, measured = [], []
+    for name, kind in zip(table.schema.names, table.schema.types, strict=True):
+        if pa.types.is_float64(kind) and 2 * pc.count_distinct(table[name]).as_py() > len(table):
+            measured.append(name)
+        else:
+            alike.append(f"{name}.list.element" if pa.types.is_list(kind) else name)
     there = folder / FOLDER
     there.mkdir(parents=True, exist_ok=True)
     temporary = there / f".{os.getpid()}.tmp"
     try:
-        pq.write_table(table, temporary, compression="zstd", compression_level=19, write_page_checksum=True)
+        pq.write_table(
+            table,
+            temporary,
+            compression="zstd",
+            compression_level=19,
+            write_page_checksum=True,
+            write_statistics=False,
+            use_dictionary=alike,
+            use_byte_stream_split=measured,
+        )
         with temporary.open("rb") as written:
             os.fsync(written.fileno())
         part = there / f"{checksum(temporary)}.parquet"

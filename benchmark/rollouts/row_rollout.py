@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
-from benchmark.artifacts.known_policies import CHECKPOINTS
+from benchmark.artifacts.known_policies import CHECKPOINTS, published
 from benchmark.episodes.arm import choices_of
 from benchmark.episodes.episode import row_name
 from benchmark.rollouts.field_settings import noted_settings
@@ -93,7 +93,8 @@ def row_checkpoint(row: Mapping[str, Any], policy: str, entry: "Entry | None") -
             return folder
     raise SettingError(
         f"{row_name(row)}: no policy with the weights {row['checkpoint_hash'][:16]} is in "
-        f"{', '.join(map(str, folders)) or 'the known folders'}. Give its folder: policy=<folder>."
+        f"{', '.join(map(str, folders)) or 'the known folders'}. Give its folder: policy=<folder>"
+        + (", or train it again: see docs/reproduce.md." if row["checkpoint_hash"] in published().values() else ".")
     )
 
 

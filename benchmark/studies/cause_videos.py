@@ -45,9 +45,9 @@ def main(config: CauseVideosConfig) -> None:
     """Replay an episode of each cause that stored rows have, and write pictures and a table."""
     from rich.console import Console
 
-    from benchmark.artifacts.known_policies import shipped
+    from benchmark.artifacts.known_policies import RESULTS, policies_in
     from benchmark.episodes.table import read_tables
-    from benchmark.rollouts.row_rollout import row_rollout
+    from benchmark.rollouts.row_rollout import policy_hash, row_rollout
     from benchmark.settings.replay_config import ReplayConfig
 
     console, output_dir = Console(), Path(config.output_dir)
@@ -56,7 +56,8 @@ def main(config: CauseVideosConfig) -> None:
         failed = failed[failed.failure_cause.notna() & ~failed.method.isin(ORACLE_METHODS.values())]
     if not len(failed):
         raise SettingError(f"{config.episodes} holds no failed episodes. Make some: python -m benchmark.run robot=ur3")
-    tried, shown = examples(failed, set().union(*map(shipped, RECIPES))), []
+    ours = [folder for recipe in RECIPES for folder in policies_in(RESULTS / "checkpoints", recipe)]
+    tried, shown = examples(failed, {*map(policy_hash, ours)}), []
     for cause, rows in tried.groupby("failure_cause", sort=False):
         file = output_dir / "figures" / "causes" / f"{cause}.webp"
         for row in rows.to_dict("records"):
