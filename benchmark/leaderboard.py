@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmark.settings.command import SettingError, run_command
-from benchmark.settings.config import FIRST_TEST_SEED
 from benchmark.settings.recipe import USUAL, check_recipe, recipe_folder
+from benchmark.settings.scenes import FIRST_TEST_SEED
 from benchmark.settings.task import chosen_task
 from richmap.outputs import replacing
 

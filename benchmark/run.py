@@ -2,6 +2,7 @@
 
 python -m benchmark.run robot=ur3 lambda=0.5
 python -m benchmark.run robot=ur3 method=projection lambda=null protocol=strict
+python -m benchmark.run suite=push-v1 method=reorder
 python -m benchmark.run -m experiment=transfer
 """
 
@@ -22,8 +23,12 @@ def main(config: RunConfig) -> None:
     from benchmark.scoring.report import print_report
     from benchmark.sweeps.chosen_scale import note_on_tuning, rollouts_of
     from benchmark.sweeps.experiment_log import log_curves, log_evaluation, log_field
+    from benchmark.sweeps.suite_run import show_suite, suite_rows
 
     console, tables = Console(), []
+    if config.conditions:
+        show_suite(config, suite_rows(config, console, with_direct=True))
+        return
     if note := note_on_tuning(config):
         console.print(note)
     rollouts = rollouts_of(config, console)

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import RobotConfig, RunConfig, WandbConfig, check_folder, check_seeds
+from benchmark.settings.config import RobotConfig, RunConfig, WandbConfig, check_folder
 from benchmark.settings.recipe import USUAL, check_recipe, policy_name
+from benchmark.settings.scenes import check_scenes
 from benchmark.training.recipes import MADE_BY
 from benchmark.training.trainer import TrainConfig
 from richmap.outputs import replacing
@@ -60,7 +61,7 @@ class SourcePoliciesConfig:
         check_setting(1 <= self.best <= number, "best", self.best, f"a whole number from 1 to {number}")
         for name in ("episodes", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
-        check_seeds(self.seed_start, self.episodes)
+        check_scenes(self.seed_start, self.episodes)
         check_setting(self.device in ("cpu", "cuda"), "device", self.device, "cpu, cuda")
         check_folder(self.output_dir)
 

@@ -5,7 +5,8 @@ import pandas as pd
 from benchmark.episodes.arm import ARM
 from benchmark.scoring.ranking import PROTOCOLS
 from benchmark.scoring.statistics import rate_interval
-from benchmark.settings.config import FIRST_TEST_SEED, ORACLE_METHODS
+from benchmark.settings.config import ORACLE_METHODS
+from benchmark.settings.scenes import FIRST_TEST_SEED
 from envs.task import Task
 
 ROLES = {"reference": "plain", "ceiling": "aware"}

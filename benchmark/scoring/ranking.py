@@ -9,7 +9,8 @@ import numpy as np
 
 from benchmark.episodes.arm import ARM, changes, usual_rows
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import FIRST_TEST_SEED, RunConfig, in_tables
+from benchmark.settings.config import RunConfig, in_tables
+from benchmark.settings.scenes import FIRST_TEST_SEED
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int, Shaped
@@ -77,6 +77,21 @@ def clustered_difference(differences: Crossed, extra: Sequence[float] = (-1.0, 1
     """
     mean, centre, half = _crossed_bootstrap(differences, extra)
     return mean, float(np.maximum(-1, centre - half)), float(np.minimum(1, centre + half))
+
+
+def clustered_ratio(top: Crossed, bottom: Crossed) -> tuple[float, float, float]:
+    """Sum of some values divided by that of others, of the same trainings and episodes, and its interval for other
+    trainings and other episodes, to first order (the delta method).
+
+    NaN where the divisor's sum is not above 0.
+    """
+    below = float(bottom.values.sum())
+    if not below > 0:
+        return (math.nan,) * 3
+    ratio = float(top.values.sum()) / below
+    linear = ratio + (top.values - ratio * bottom.values) / bottom.values.mean()
+    _, centre, half = _crossed_bootstrap(replace(top, values=linear), ())
+    return ratio, centre - half, centre + half
 
 
 def sign_flip_p_value(differences: Crossed) -> float:

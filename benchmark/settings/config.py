@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 
 from benchmark.settings.limits import check_memory
 from benchmark.settings.recipe import USUAL, check_recipe
+from benchmark.settings.scenes import VALIDATION, check_scenes
 from benchmark.settings.setting import SettingError, check_setting
 from benchmark.settings.task import chosen_task
-from policies.methods import METHODS, said_of_each
+from policies.methods import GUIDED, METHODS, said_of_each
 from richmap.robots import ROBOTS
 from richmap.similarity.energy_settings import CHOICES, EnergySettings
 
@@ -25,12 +26,6 @@ SOURCE = "xarm6"
 
 PAPER_ARMS = (SOURCE, "ur3", "ur5", "ur10")
 """The source and the arms that the paper transfers to: what lists of arms hold unless told otherwise."""
-
-FIRST_TEST_SEED = 100_000
-"""Episodes from this seed on are for final tables only."""
-
-FIRST_VALIDATION_SEED = 50_000
-"""Those from this seed to 59999 are for every choice."""
 
 SETTINGS = ("original", "embodied", "best")
 """What an arm may do and where it stands (`envs.arm.place_arm.BINDS`)."""
@@ -207,6 +202,25 @@ class ArmConfig:
             check_setting(0 < weight < math.inf, "arm.orientation_weight", weight, "a number above 0")
 
 
+@dataclass
+class ConditionConfig:
+    """A condition of a suite: an arm, and how it stands and is limited."""
+
+    robot: str = "ur3"
+    """One of those that ship."""
+    setting: str = "embodied"
+    """What it may do (see benchmark.run)."""
+    arm: ArmConfig = field(default_factory=ArmConfig)
+    cause: str = ""
+    """What direct transfer fails by there, for people."""
+    saturated: bool = False
+    """Whether direct transfer lacks next to nothing there: it shows harm, and counts for no share of head-room."""
+
+    def __post_init__(self) -> None:
+        check_setting(self.robot in ROBOTS, "robot", self.robot, ", ".join(ROBOTS))
+        check_setting(self.setting in SETTINGS, "setting", self.setting, ", ".join(SETTINGS))
+
+
 @dataclass(unsafe_hash=True)
 class WandbConfig:
     """Whether runs are logged in Weights & Biases, and where."""
@@ -240,7 +254,14 @@ class RunConfig:
     """Scale of the method, any number >= 0; 0 is direct transfer, null the one that benchmark.scales chose for this
     arm, setting and method on validation episodes."""
     method: str = field(default="paper", metadata={"more": said_of_each("text")})
-    """Guidance, or direct for none."""
+    """Guidance, or direct for none; with suite= also plain_oracle or aware_oracle, the scripted ones."""
+    suite: str = ""
+    """Conditions on all of which the method is rolled out, at its chosen scale, in place of robot, setting and arm:
+    push-v1 (conditions with head-room) or official (four arms, embodied and best); a file of conf/suite each."""
+    seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
+    """With suite=: training seeds of the policies, in place of seed."""
+    conditions: dict[str, ConditionConfig] = field(default_factory=dict)
+    """Of the suite, by name."""
     episodes: int = 50
     """Number of episodes per lambda; a whole number >= 1."""
     recipe: str = USUAL
@@ -266,9 +287,10 @@ class RunConfig:
     """Folder that results go to, such as episodes."""
     device: str = "auto"
     """Where the policy runs: cpu, cuda, or auto (cuda if there is one)."""
-    seed_start: int = FIRST_VALIDATION_SEED
+    seed_start: int = VALIDATION.start
     """Seed of the first episode: from 50000 to 59999 are validation episodes, for every choice; from 100000 on test
-    episodes, for final figures, which protocol=paper (50 of them) and protocol=strict (500) take."""
+    episodes, for final figures: protocol=paper takes 50 from 100000 on, tables those from 150000 to 150099; 160000 to
+    160099 are shut (docs/protocol.md)."""
     sampler: str = "DDIM"
     """Sampler of the diffusion policy: DDIM or DDPM."""
     sampling_steps: int = 10
@@ -286,11 +308,14 @@ class RunConfig:
     def __post_init__(self) -> None:
         chosen_task(self.task)
         scale = self.guidance_scale
-        check_setting(self.method in METHODS, "method", self.method, ", ".join(METHODS))
+        methods = [*METHODS, *(ORACLE_METHODS.values() if self.conditions else ())]
+        check_setting(self.method in methods, "method", self.method, ", ".join(methods))
+        check_setting(bool(self.conditions) or not self.suite, "suite", self.suite, "a file of conf/suite")
         if scale is not None:
             check_setting(math.isfinite(scale) and scale >= 0, "lambda", scale, "any number >= 0, or null")
-            check_setting(scale == 0 or self.method != "direct", "lambda", scale, "0 with method=direct")
-        if scale is not None and METHODS[self.method].counts:
+            guided = self.method in GUIDED
+            check_setting(scale == 0 or guided, "lambda", scale, f"0 with method={self.method}")
+        if scale is not None and self.method in METHODS and METHODS[self.method].counts:
             check_setting(scale == int(scale), "lambda", scale, f"a whole number of samples with method={self.method}")
         for name in ("episodes", "slots", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
@@ -299,7 +324,7 @@ class RunConfig:
         check_recipe(self.recipe)
         covered = scale == 0 or self.map.half_width >= 0.8
         check_setting(covered, "map.half_width", self.map.half_width, "0.8 or more, so that the field covers the table")
-        check_seeds(self.seed_start, self.episodes)
+        check_scenes(self.seed_start, self.episodes)
         check_folder(self.output_dir)
         check_setting(self.setting in SETTINGS, "setting", self.setting, ", ".join(SETTINGS))
         check_setting(self.device in ("cpu", "cuda", "auto"), "device", self.device, "cpu, cuda, auto")
@@ -319,11 +344,11 @@ class OracleConfig:
     setting: str = "embodied"
     """What the arm may do: original, embodied or best (see benchmark.run)."""
     oracle: str = "plain"
-    """Which oracle: plain (the original's, blind to the arm) or aware (pushes from where the arm can be; its score is
-    the arm's ceiling)."""
+    """Which oracle: plain (the original's, blind to the arm) or aware (a planner, which pushes from where the arm can
+    be)."""
     episodes: int = 300
     """Number of episodes; a whole number >= 1."""
-    seed_start: int = FIRST_VALIDATION_SEED
+    seed_start: int = VALIDATION.start
     """Seed of the first episode."""
     output_dir: str = "outputs/oracle"
     """Folder of <robot>-<setting>/episodes (with what of the arm is changed, as ur10-embodied-wrist_out)."""
@@ -335,7 +360,7 @@ class OracleConfig:
         chosen_task(self.task)
         for name in ("episodes", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
-        check_seeds(self.seed_start, self.episodes)
+        check_scenes(self.seed_start, self.episodes)
         check_folder(self.output_dir)
         check_setting(self.oracle in ORACLES, "oracle", self.oracle, ", ".join(ORACLES))
         check_setting(self.setting in SETTINGS, "setting", self.setting, ", ".join(SETTINGS))
@@ -429,11 +454,6 @@ def in_tables(robot: str) -> int:
     """Where an arm comes in tables: the paper's first, then others that ship, then those that do not."""
     order = [*PAPER_ARMS, *(name for name in ROBOTS if name not in PAPER_ARMS)]
     return order.index(robot) if robot in order else len(order)
-
-
-def check_seeds(first: int, count: int) -> None:
-    """NumPy's legacy generator, which draws the scenes, takes 32-bit seeds."""
-    check_setting(0 <= first <= 2**32 - count, "seed_start", first, "a whole number from 0 to 2^32 - episodes")
 
 
 def check_folder(folder: str, setting: str = "output_dir") -> None:

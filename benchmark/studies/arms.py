@@ -13,14 +13,13 @@ from benchmark.episodes.arm import of_arm
 from benchmark.rollouts.arm_oracle import ArmOracle, play_missing
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.config import (
-    FIRST_TEST_SEED,
     ORACLE_METHODS,
     ORACLES,
     SETTINGS,
     check_folder,
-    check_seeds,
     check_targets,
 )
+from benchmark.settings.scenes import FIRST_TEST_SEED, check_scenes
 from envs.block_push.task import BLOCK_PUSH
 from richmap.outputs import replacing
 
@@ -80,7 +79,7 @@ class ArmsConfig:
         drawn = self.demonstrations
         check_setting(1 <= drawn <= 1000, "demonstrations", drawn, "a whole number from 1 to 1000")
         check_setting(0.005 <= self.spacing <= 0.1, "spacing", self.spacing, "a number from 0.005 to 0.1")
-        check_seeds(self.seed_start, self.episodes)
+        check_scenes(self.seed_start, self.episodes)
         check_folder(self.output_dir)
 
 

@@ -28,9 +28,9 @@ from benchmark.settings.config import (
     RobotConfig,
     RunConfig,
     check_folder,
-    check_seeds,
     robot_field,
 )
+from benchmark.settings.scenes import check_scenes
 from richmap.outputs import replacing
 from richmap.robots import ROBOTS
 
@@ -77,7 +77,7 @@ class LerobotAgreementConfig:
         check_setting(self.robot.name in ROBOTS, "robot", self.robot.name, ", ".join(ROBOTS))
         for name in ("episodes", "slots", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
-        check_seeds(self.seed_start, self.episodes)
+        check_scenes(self.seed_start, self.episodes)
         check_folder(self.output_dir)
         check_setting(self.setting in SETTINGS, "setting", self.setting, ", ".join(SETTINGS))
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 from benchmark.episodes.arm import arm_name
 from benchmark.scoring.scale_table import CHOSEN_FOR, scale_table
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import FIRST_TEST_SEED, RunConfig
+from benchmark.settings.config import RunConfig
+from benchmark.settings.scenes import FIRST_TEST_SEED
 from policies.methods import METHODS
 
 if TYPE_CHECKING:

@@ -81,7 +81,10 @@ def _rolled_out(job: RunConfig, workers: int, sweep: Path) -> "pd.DataFrame":
     from benchmark.rollouts.missing_episodes import run_and_store
     from benchmark.sweeps.chosen_scale import rollouts_of
     from benchmark.sweeps.experiment_log import log_evaluation, log_field
+    from benchmark.sweeps.suite_run import suite_rows
 
+    if job.conditions:
+        return suite_rows(replace(job, workers=workers), Console(quiet=True), with_direct=False)
     rollout = rollouts_of(job, Console(force_terminal=False))[-1]  # Jobs share the terminal.
     rows = run_and_store(rollout, replace(job, workers=workers), Console(quiet=True))
     try:
@@ -113,12 +116,19 @@ def _write(folder: Path, number: int, record: JobRecord, rows: "pd.DataFrame | N
 
 def guides_source(config: RunConfig) -> bool:
     """Whether a job would guide the source arm, which a table of transfer has without guidance only."""
-    return config.robot.name == SOURCE and config.method != "direct" and config.guidance_scale != 0
+    return (
+        not config.conditions
+        and config.robot.name == SOURCE
+        and config.method != "direct"
+        and config.guidance_scale != 0
+    )
 
 
 def job_name(config: RunConfig) -> str:
     """What a job is called."""
     scale = "at the chosen scale" if config.guidance_scale is None else f"{config.guidance_scale:g}"
+    if config.conditions:
+        return f"{config.suite}, {config.method} {scale}"
     policy = Path(config.policy).name or policy_name(config.recipe, config.seed, config.checkpoint)
     return f"{config.robot.name}, {config.setting}, {config.method} {scale}, {policy}"
 

@@ -3,7 +3,8 @@
 from dataclasses import asdict, dataclass
 
 from benchmark.settings.command import check_setting
-from benchmark.settings.config import check_folder, check_seeds
+from benchmark.settings.config import check_folder
+from benchmark.settings.scenes import check_scenes
 
 
 @dataclass
@@ -34,7 +35,7 @@ class CollectConfig:
     def __post_init__(self) -> None:
         for name in ("episodes", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
-        check_seeds(self.seed_start, self.episodes)
+        check_scenes(self.seed_start, self.episodes)
         check_folder(self.output_dir)
         shares = ("share_noise", "share_bursts", "share_wide", "share_crowded")
         for name in (*shares, "burst_probability"):

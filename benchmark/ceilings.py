@@ -1,0 +1,80 @@
+"""The ceilings of a suite's conditions, made once from all that is stored, and frozen with the suite.
+
+python -m benchmark.ceilings suite=push-v1
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.scenes import TABLES, check_scenes
+from benchmark.settings.suite import suite_conditions
+from benchmark.settings.task import chosen_task
+
+
+@dataclass
+class CeilingsConfig:
+    """Freezes the ceilings of a suite: by scene the best of planner, plain oracle and the stored methods."""
+
+    suite: str = "push-v1"
+    """Which suite (see benchmark.run)."""
+    task: str = "block_push"
+    """What is done there (see benchmark.run)."""
+    table: str = ""
+    """Folder of the episodes; empty for results/suites/<suite>."""
+    methods: list[str] = field(default_factory=lambda: ["direct", "paper", "projection", "reorder"])
+    """Which methods take part besides the scripted oracles."""
+    seed_start: int = TABLES.start
+    """Seed of the first scene."""
+    episodes: int = len(TABLES)
+    """How many scenes; a whole number >= 1."""
+    output: str = ""
+    """File that they go to, which must not be there; empty for results/suites/<suite>/ceilings.json."""
+
+    def __post_init__(self) -> None:
+        suite_conditions(self.suite)
+        chosen_task(self.task)
+        check_setting(self.episodes >= 1, "episodes", self.episodes, "a whole number >= 1")
+        check_scenes(self.seed_start, self.episodes)
+
+
+def main(config: CeilingsConfig) -> None:
+    """Write the ceiling of each condition, scene by scene, and print it beside what it is made of."""
+    import pandas as pd
+
+    from benchmark.artifacts.commit import commit
+    from benchmark.episodes.table import read_tables
+    from benchmark.scoring.ceiling import PLAIN, PLANNER, ceiling, ceilings_file, save_ceilings
+    from benchmark.scoring.scores import with_interval
+    from benchmark.scoring.suite_table import by_condition
+
+    file, task = Path(config.output) if config.output else ceilings_file(config.suite), chosen_task(config.task)
+    if file.exists():
+        raise SettingError(f"{file} is there, and is frozen with the suite. To make others, give output=.")
+    rows = read_tables(Path(config.table) if config.table else file.parent, task.name)
+    if rows.empty:
+        raise SettingError(f"There are no episodes of {task.name} in {config.table or file.parent}.")
+    scenes = range(config.seed_start, config.seed_start + config.episodes)
+    present = rows.episode_version == rows.setting.map(task.episode_version)
+    rows = rows[rows.episode_seed.isin(scenes) & rows.method.isin([PLANNER, PLAIN, *config.methods]) & present]
+    made, lines = {}, []
+    for name, table in by_condition(rows, suite_conditions(config.suite), task).items():
+        try:
+            made[name] = ceiling(table, task.success)
+        except SettingError as error:
+            raise SettingError(
+                f"{name}: {error} Roll them out: python -m benchmark.run -m experiment=tables"
+            ) from error
+        figures = dict(zip(("c", "c_low", "c_high"), made[name].interval(scenes), strict=True))
+        means = {key: f"{100 * value:.1f}" for key, value in made[name].candidates.items()}
+        lines.append({"condition": name, "ceiling": with_interval(pd.Series(figures), "c"), **means})
+    about = {"suite": config.suite, "task": task.name, "scenes": [scenes[0], scenes[-1]], "commit": commit()}
+    about |= {"episode_version": int(rows.episode_version.max()), "episodes": len(rows)}
+    about |= {"commits_of_rows": sorted({*rows.commit})}
+    save_ceilings(file, made, about)
+    print(pd.DataFrame(lines).fillna("-").to_markdown(index=False, disable_numparse=True))
+    print(file)
+
+
+if __name__ == "__main__":
+    run_command(main, CeilingsConfig, "ceilings")

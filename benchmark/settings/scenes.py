@@ -1,0 +1,29 @@
+"""Which scenes are for what, by the seeds that they are drawn from; `docs/protocol.md` says it in words."""
+
+from benchmark.settings.setting import SettingError, check_setting
+
+VALIDATION = range(50_000, 60_000)
+"""For every choice: of conditions, bases, scales, versions of methods."""
+PAPER = range(100_000, 100_050)
+"""The paper's, which were looked at often: what is shown on them is called exploratory."""
+TABLES = range(150_000, 150_100)
+"""Of published tables, by rows whose commit is later than all choices."""
+SEALED = range(160_000, 160_100)
+"""Of the ranking of all methods; shut until there is one."""
+
+FIRST_TEST_SEED = PAPER.start
+"""Scenes from here on are for final figures, and nothing is chosen by them."""
+
+
+def check_scenes(first: int, count: int) -> None:
+    """Raise `SettingError` for seeds that no scene can be drawn from, and for scenes that are shut.
+
+    NumPy's legacy generator, which draws the scenes, takes 32-bit seeds.
+    """
+    check_setting(0 <= first <= 2**32 - count, "seed_start", first, "a whole number from 0 to 2^32 - episodes")
+    if first < SEALED.stop and first + count > SEALED.start:
+        raise SettingError(
+            f"seed_start={first} with episodes={count} is not allowed: scenes {SEALED[0]} to {SEALED[-1]} are shut "
+            f"until all methods are ranked on them. Allowed: {VALIDATION[0]} to {VALIDATION[-1]} to choose by, "
+            f"{TABLES[0]} to {TABLES[-1]} for tables."
+        )

@@ -1,0 +1,46 @@
+"""A suite: named conditions, on all of which a method is rolled out. Each is a file of `conf/suite/`."""
+
+from dataclasses import replace
+from typing import cast
+
+from omegaconf import OmegaConf
+
+from benchmark.settings.composition import CONF
+from benchmark.settings.config import ConditionConfig, RobotConfig, RunConfig
+from benchmark.settings.setting import SettingError
+from policies.methods import DIRECT, METHODS
+
+SUITES = CONF / "suite"
+
+
+def suite_conditions(name: str) -> dict[str, ConditionConfig]:
+    """The conditions of a suite by their names, in the order in which they are shown.
+
+    Raises:
+        SettingError: If there is no such suite.
+    """
+    there = sorted(file.stem for file in SUITES.glob("*.yaml"))
+    if name not in there:
+        raise SettingError(f"suite={name} is not allowed. Allowed: {', '.join(there)}.")
+    usual = OmegaConf.structured(ConditionConfig)
+    return {
+        str(condition): cast(ConditionConfig, OmegaConf.to_object(OmegaConf.merge(usual, said)))
+        for condition, said in OmegaConf.load(SUITES / f"{name}.yaml").conditions.items()
+    }
+
+
+def suite_runs(config: RunConfig) -> dict[str, RunConfig]:
+    """The settings of each condition of a run's suite, with its first training seed."""
+    return {
+        name: replace(
+            config,
+            robot=RobotConfig(condition.robot),
+            setting=condition.setting,
+            arm=condition.arm,
+            seed=config.seeds[0],
+            method=config.method if config.method in METHODS else DIRECT,
+            suite="",
+            conditions={},
+        )
+        for name, condition in config.conditions.items()
+    }
