@@ -34,7 +34,7 @@ BAD = {
     "setting=virtual": "Allowed: original, embodied, best",
     "device=tpu": "Allowed: cpu, cuda, auto",
     "checkpoint=0": "Allowed: a whole number >= 1",
-    "experiment=mine": "experiment=mine is not allowed. Allowed: methods, transfer.",
+    "experiment=mine": "experiment=mine is not allowed. Allowed: methods, tables, transfer.",
     "robot": "not setting=value",
     "robot=[ur3": "robot=[ur3 cannot be read",
     "--lambda": "There is no flag --lambda. A setting is written without dashes: lambda=value.",
