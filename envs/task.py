@@ -73,7 +73,8 @@ class Task:
     """What is to be done, one sentence; the language that goes with demonstrations."""
     make: Callable[..., gymnasium.Env]
     """`make(arm, render_mode=None)` gives the environment on an arm, by `gymnasium.make`. Its observation is a dict of
-    `agent_pos` and `environment_state`, as LeRobot has it; its infos are what `summarize` reads."""
+    `agent_pos` and `environment_state`, as LeRobot has it; its infos are what `summarize` reads. With
+    `picture=(width, height)`, in pixels, `pixels` is seen in place of `environment_state` (see `shows_pictures`)."""
     max_episode_steps: int
     """Control steps after which an episode is cut off."""
     control_frequency: int
@@ -100,6 +101,8 @@ class Task:
     """The scripted expert that knows nothing of its arm: the reference."""
     aware_oracle: OracleOnArm | None = None
     """The one that knows what its arm can do: the ceiling."""
+    shows_pictures: bool = False
+    """Whether `make` takes `picture`, so that policies that see pictures can be evaluated."""
     plan: tuple[str, ...] = ()
     """Columns that say which way through the task an episode took, such as what it did first."""
     traits: tuple[Trait, ...] = ()

@@ -51,6 +51,13 @@ class Checkpoint:
         return self._config.get("guidance_scale", 0.0)
 
     @property
+    def pictures(self) -> dict[str, tuple[int, ...]]:
+        """Names and shapes of the pictures that the policy sees."""
+        features = self._config.get("input_features") or {}
+        pictures = {name: x["shape"] for name, x in features.items() if x["type"] == "VISUAL"}
+        return {name: tuple(shape) for name, shape in pictures.items()}
+
+    @property
     def policy_hash(self) -> str:
         """SHA-256 of the weights; where more decides its actions, over that as well.
 

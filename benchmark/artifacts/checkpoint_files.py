@@ -90,6 +90,12 @@ def _check_config(folder: Path) -> None:
         most = MOST_LAYERS if LAYERS.search(name) else LARGEST_NUMBER
         if not abs(value) <= most:  # also where it is not a number
             raise SettingError(f"policy={folder}: its {CONFIG} has {name}={value}. Allowed: numbers up to {most}.")
+    for name in ("input_features", "output_features"):
+        features = config.get(name) or {}
+        if not (isinstance(features, dict) and all(map(_is_feature, features.values()))):
+            raise SettingError(
+                f"policy={folder}: its {CONFIG} has {name} that are not LeRobot's type and shape of each."
+            )
     whole = {name: config.get(name) for name in ("num_inference_steps", "num_train_timesteps", "n_action_steps")}
     texts = {"noise_scheduler_type": config.get("noise_scheduler_type")}
     scale = {"guidance_scale": config.get("guidance_scale")}
@@ -97,6 +103,12 @@ def _check_config(folder: Path) -> None:
         for name, found in values.items():
             if found is not None and type(found) not in kinds:
                 raise SettingError(f"policy={folder}: its {CONFIG} has {name}={found!r}, which is of another type.")
+
+
+def _is_feature(feature: Any) -> bool:
+    if not (isinstance(feature, dict) and isinstance(feature.get("type"), str)):
+        return False
+    return isinstance(feature.get("shape"), list) and all(type(size) is int for size in feature["shape"])
 
 
 def _numbers(value: Any, name: str = "") -> Iterator[tuple[str, int | float]]:

@@ -54,6 +54,8 @@ def checked_config(folder: Path, shown: Shapes | None = None) -> PreTrainedConfi
             f"policy={folder} is of type {config.type}, which loads further models by name. Types that are run: "
             f"{', '.join(TYPES)}, and those of plugins that are installed."
         )
+    if hasattr(config, "pretrained_backbone_weights"):  # They would be fetched, and replaced by the policy's own.
+        config.pretrained_backbone_weights = None
     features = {**(config.input_features or {}), **(config.output_features or {})}
     wanted = {name: tuple(x.shape) for name, x in features.items()}
     if shown is not None and (wrong := {name: shape for name, shape in wanted.items() if shown.get(name) != shape}):

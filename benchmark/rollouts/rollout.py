@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from policies.modeling_guided_push import GuidedPushPolicy
 
 
-OBSERVED = {"agent_pos": "observation.state", "environment_state": "observation.environment_state"}
-"""Parts of an environment's observation, and what policies of LeRobot call them."""
+STATE, ENVIRONMENT = "observation.state", "observation.environment_state"
+"""What policies of LeRobot call the parts `agent_pos` and `environment_state` of an environment's observation."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,29 @@ class Rollout:
     kind: str | None = None
     """Of the field (`policies.methods.Method.field`)."""
 
+    @cached_property
+    def camera(self) -> tuple[str, tuple[int, ...]] | None:
+        """The policy's name of the picture that it sees, and the shape (3, height, width); None if it sees none."""
+        from envs.arm.renderer import is_drawn
+
+        for name, shape in Checkpoint(self.checkpoint).pictures.items() if self.task.shows_pictures else ():
+            if len(shape) == 3 and shape[0] == 3 and all(map(is_drawn, shape[1:])):
+                return name, shape
+        return None
+
+    @property
+    def observed(self) -> dict[str, str]:
+        """Parts of the environment's observation, and what the policy calls them: a picture replaces the scene."""
+        return {"agent_pos": STATE} | (
+            {"pixels": self.camera[0]} if self.camera else {"environment_state": ENVIRONMENT}
+        )
+
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Of the task's observations and actions, by LeRobot's names."""
         space = self.task.space
-        layouts = {OBSERVED["agent_pos"]: space.state, OBSERVED["environment_state"]: space.environment}
-        return {name: (layout.width,) for name, layout in (layouts | {"action": space.action}).items()}
+        scene = self.camera or (ENVIRONMENT, (space.environment.width,))
+        return {STATE: (space.state.width,), scene[0]: scene[1], "action": (space.action.width,)}
 
 
 def roll_out(rollout: Rollout, seeds: Iterable[int], workers: int) -> Iterator[list[Episode]]:
@@ -96,12 +113,12 @@ def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], No
     policy.reset(sorted(seed_of))
     environments = {slot: _environment(rollout, slot, watch is not None) for slot in seed_of}
     shapes = rollout.shapes
-    batch = {name: np.zeros((shape, *shapes[name]), np.float32) for name in OBSERVED.values()}
+    batch = {name: np.zeros((shape, *shapes[name]), np.float32) for name in rollout.observed.values()}
     infos: dict[int, list[dict]] = {slot: [] for slot in seed_of}
 
     def take(slot: int, observation: dict[str, np.ndarray], info: dict) -> None:
-        for key, name in OBSERVED.items():
-            batch[name][slot] = observation[key]
+        for key, name in rollout.observed.items():
+            batch[name][slot] = _channels_first(observation[key]) if key == "pixels" else observation[key]
         infos[slot].append(info)
         if watch:
             watch(environments[slot])
@@ -121,6 +138,11 @@ def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], No
                 over.add(slot)
         active, step = [slot for slot in active if slot not in over], step + 1
     return [Episode(rollout.condition, seed_of[s], s, rollout.task.summarize(infos[s])) for s in sorted(seed_of)]
+
+
+def _channels_first(picture: np.ndarray) -> np.ndarray:
+    """A picture, (height, width, 3) uint8, as LeRobot's policies see it: (3, height, width), from 0 to 1."""
+    return picture.transpose(2, 0, 1).astype(np.float32) / np.float32(255)
 
 
 def _actions(
@@ -178,12 +200,17 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
 
 def _environment(rollout: Rollout, slot: int, render: bool) -> gymnasium.Env:
     """The environment of a row; kept from batch to batch, also of other conditions on the same arm."""
-    return _arm_environment(rollout.task, rollout.arm, slot, render)
+    picture = rollout.camera and (rollout.camera[1][2], rollout.camera[1][1])
+    return _arm_environment(rollout.task, rollout.arm, slot, render, picture)
 
 
 @lru_cache(maxsize=64)
-def _arm_environment(task: Task, arm: "PlacedArm", slot: int, render: bool) -> gymnasium.Env:
-    return task.make(arm, render_mode="rgb_array" if render else None)
+def _arm_environment(
+    task: Task, arm: "PlacedArm", slot: int, render: bool, picture: tuple[int, int] | None
+) -> gymnasium.Env:
+    return task.make(
+        arm, render_mode="rgb_array" if render else None, **({} if picture is None else {"picture": picture})
+    )
 
 
 def alone(rollout: Rollout, seed: int, watch: Callable[[gymnasium.Env], None] | None = None) -> Episode:

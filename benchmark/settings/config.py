@@ -274,9 +274,9 @@ class RunConfig:
     recipes than robust with the recipe's name before that; the one that ships, or else the one that
     benchmark.source_policies or benchmark.train left in outputs."""
     policy: str = ""
-    """Folder of a LeRobot checkpoint to run instead, of any type that needs no pictures; empty for the one that recipe,
-    seed and checkpoint pick. One that is not of type guided_push samples as it was saved (not by sampler), and only
-    with lambda=0."""
+    """Folder of a LeRobot checkpoint to run instead, of any type that sees states or pictures; empty for the one that
+    recipe, seed and checkpoint pick. One that is not of type guided_push samples as it was saved (not by sampler), and
+    only with lambda=0."""
     setting: str = "embodied"
     """What the arm may do: embodied (joint limits and self-collision bind) or original (neither does, as where only the
     arm is swapped in the original task) or best (as embodied, with the base where benchmark.studies.place_bases finds

@@ -67,12 +67,14 @@ def _check_demonstrations(root: Path, config: CollectConfig, version: int) -> No
 
 def _assemble(config: CollectConfig, chunks: Path, root: Path, about: Mapping[str, object]) -> None:
     """Writes the chunks as a LeRobotDataset, which appears under its name when it is complete."""
+    from benchmark.training.dataset_card import dataset_card
     from benchmark.training.demonstration_chunks import played, stored
     from benchmark.training.demonstration_dataset import write_dataset
 
     partial = root.with_name(f".{root.name}.tmp")
     shutil.rmtree(partial, ignore_errors=True)
-    write_dataset(stored(config, chunks), partial, config.episodes)
+    write_dataset(stored(config, chunks), partial, config.episodes, config.image_size)
     about = {**about, "played": played(config, chunks)}
     (partial / "meta" / "collect.json").write_text(json.dumps(about, indent=2) + "\n")
+    (partial / "README.md").write_text(dataset_card(partial, root.name, config))
     os.replace(partial, root)

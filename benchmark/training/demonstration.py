@@ -6,7 +6,7 @@ from functools import cache
 
 import gymnasium
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, UInt8
 
 import envs
 from benchmark.settings.config import SOURCE
@@ -38,12 +38,19 @@ class Demonstration:
     rewards: Float[np.ndarray, " n"]
     successes: Bool[np.ndarray, " n"]
     """Whether both blocks were in different targets after the step."""
+    pictures: UInt8[np.ndarray, "n size size 3"] | None = None
+    """What the camera saw with each observation; None where nothing was drawn."""
 
 
 @cache
-def source_env() -> gymnasium.Env:
-    """The source arm's environment, one per process: building it takes seconds."""
-    return gymnasium.make(envs.ENVIRONMENTS[SOURCE])
+def source_env(size: int = 0) -> gymnasium.Env:
+    """The source arm's environment, one per process: building it takes seconds.
+
+    Args:
+        size: Width and height of the pictures that `render` gives, in pixels; 0 for none.
+    """
+    drawn = {"render_mode": "rgb_array", "visualization_width": size, "visualization_height": size} if size else {}
+    return gymnasium.make(envs.ENVIRONMENTS[SOURCE], **drawn)
 
 
 def demonstrate(
@@ -159,6 +166,8 @@ def _unusual_scene(rng: np.random.Generator, draw: Callable[[np.random.Generator
 def pack(episodes: list[Demonstration]) -> dict[str, np.ndarray]:
     """Arrays that hold the episodes one after another."""
     columns = ("observations", "actions", "rewards", "successes")
+    if episodes[0].pictures is not None:
+        columns = (*columns, "pictures")
     return {
         "seed": np.array([episode.seed for episode in episodes]),
         "kind": np.array([episode.kind for episode in episodes]),
@@ -171,7 +180,8 @@ def pack(episodes: list[Demonstration]) -> dict[str, np.ndarray]:
 def unpack(arrays: Mapping[str, np.ndarray]) -> Iterator[Demonstration]:
     """The episodes that `pack` stored."""
     ends = np.cumsum(arrays["length"])
-    columns = [arrays[name] for name in ("observations", "actions", "rewards", "successes")]
+    names = ("observations", "actions", "rewards", "successes", "pictures")
+    columns = [arrays[name] for name in names if name in arrays]
     for i, (end, length) in enumerate(zip(ends, arrays["length"], strict=True)):
         rows = slice(end - length, end)
         yield Demonstration(

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator
 from concurrent.futures import as_completed
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,14 +34,26 @@ def simulate(config: CollectConfig, chunks: Path) -> None:
 
 def _simulate_chunk(config: CollectConfig, seeds: range, chunks: Path) -> None:
     """Worker: one chunk of episodes, stored in one atomic step."""
-    env = source_env()
-    how = (config.burst_probability, config.detours)
-    episodes = [demonstrate(env, seed, kind_of(config, seed), *how) for seed in seeds]
+    episodes = [_demonstrate(config, seed) for seed in seeds]
     path = _chunk_path(chunks, seeds)
     partial = path.with_suffix(f".{os.getpid()}.tmp")
     with open(partial, "wb") as file:
-        np.savez(file, allow_pickle=True, **pack(episodes))
+        np.savez_compressed(file, allow_pickle=True, **pack(episodes))
     os.replace(partial, path)
+
+
+def _demonstrate(config: CollectConfig, seed: int) -> Demonstration:
+    """One episode, with its pictures if they are asked for."""
+    env, frames = source_env(config.image_size), []
+
+    def watch(attempt: int) -> None:
+        if config.image_size:
+            frames.append((attempt, env.render()))
+
+    how = (config.burst_probability, config.detours)
+    episode = demonstrate(env, seed, kind_of(config, seed), *how, watch)
+    pictures = [frame for attempt, frame in frames if attempt == episode.attempts]
+    return replace(episode, pictures=np.stack(pictures)) if pictures else episode
 
 
 def kind_of(config: CollectConfig, seed: int) -> str:

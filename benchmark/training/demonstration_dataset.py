@@ -1,12 +1,15 @@
 """Demonstrations as a LeRobotDataset on disk."""
 
 import json
+import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+import av
 import datasets
 import numpy as np
 from lerobot.datasets import LeRobotDataset
+from lerobot.utils.constants import OBS_ENV_STATE, OBS_IMAGE
 
 from benchmark.settings.config import SOURCE
 from benchmark.training.demonstration import Demonstration
@@ -18,16 +21,26 @@ FPS = 10
 """Control steps per second."""
 
 
-def write_dataset(episodes: Iterable[Demonstration], root: Path, total: int) -> None:
-    """Writes a LeRobotDataset (v3.0), with the observation split as the environments' dict form splits it."""
+def write_dataset(episodes: Iterable[Demonstration], root: Path, total: int, image_size: int = 0) -> None:
+    """Writes a LeRobotDataset (v3.0), with the observation split as the environments' dict form splits it.
+
+    Args:
+        episodes: Each is a demonstration.
+        root: Folder that it goes to, which is not there yet.
+        total: Number of episodes.
+        image_size: Width and height of the episodes' pictures, in pixels, which are stored as video in place of the
+            state of blocks and targets; 0 for none.
+    """
     datasets.disable_progress_bars()
+    os.environ.setdefault("SVT_LOG", "1")  # Encoders tell errors alone.
+    av.logging.set_level(av.logging.ERROR)
     dataset = LeRobotDataset.create(
         f"local/{root.name}",
         FPS,
-        _features(),
+        _features(image_size),
         root=root,
         robot_type=SOURCE,
-        use_videos=False,
+        use_videos=image_size > 0,
         video_backend="pyav",
     )
     with progress_bar() as progress:
@@ -40,10 +53,12 @@ def write_dataset(episodes: Iterable[Demonstration], root: Path, total: int) -> 
     statistics.write_text(json.dumps(json.loads(statistics.read_text()), indent=4, sort_keys=True))
 
 
-def _features() -> dict[str, dict]:
+def _features(image_size: int) -> dict[str, dict]:
+    picture = {"dtype": "video", "shape": (image_size, image_size, 3), "names": ["height", "width", "channels"]}
+    scene = _feature(BLOCK_PUSH_SPACE.environment.names)
     return {
         "observation.state": _feature(BLOCK_PUSH_SPACE.state.names),
-        "observation.environment_state": _feature(BLOCK_PUSH_SPACE.environment.names),
+        **({OBS_IMAGE: picture} if image_size else {OBS_ENV_STATE: scene}),
         "action": _feature(BLOCK_PUSH_SPACE.action.names),
         "next.reward": _feature(["reward"]),
         "next.success": _feature(["success"], "bool"),
@@ -62,7 +77,7 @@ def _frames(episode: Demonstration) -> Iterator[dict]:
     for i, (state, environment) in enumerate(zip(*BLOCK_PUSH_SPACE.split(episode.observations), strict=True)):
         yield {
             "observation.state": state,
-            "observation.environment_state": environment,
+            **({OBS_ENV_STATE: environment} if episode.pictures is None else {OBS_IMAGE: episode.pictures[i]}),
             "action": episode.actions[i],
             "next.reward": episode.rewards[i : i + 1],
             "next.success": episode.successes[i : i + 1],

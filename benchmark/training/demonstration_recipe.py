@@ -27,6 +27,9 @@ class CollectConfig:
     """Chance per step that a burst begins, in the kinds that have bursts."""
     detours: bool = True
     """Whether the oracle's ways between pushes bend around blocks, but in clean episodes; its own are straight."""
+    image_size: int = 0
+    """Width and height of pictures, in pixels from 8 to 2048, that are stored as video in place of the state of blocks
+    and targets, as in image_size=96; 0 for none. benchmark.train learns from states alone."""
     output_dir: str = "demonstrations/robust"
     """Folder of the dataset."""
     workers: int = 2
@@ -40,10 +43,13 @@ class CollectConfig:
         shares = ("share_noise", "share_bursts", "share_wide", "share_crowded")
         for name in (*shares, "burst_probability"):
             check_setting(0 <= getattr(self, name) <= 1, name, getattr(self, name), "a number from 0 to 1")
+        drawn = self.image_size == 0 or 8 <= self.image_size <= 2048
+        check_setting(drawn, "image_size", self.image_size, "a whole number of pixels from 8 to 2048, or 0 for none")
         total = sum(getattr(self, name) for name in shares)
         check_setting(total <= 1 + 1e-9, " + ".join(shares), total, "a sum of 1 at most; the rest is clean")
 
     @property
     def recipe(self) -> dict[str, object]:
         """What decides the data: everything but where they are stored and how many processes work."""
-        return {key: value for key, value in asdict(self).items() if key not in ("output_dir", "workers")}
+        without = {"output_dir", "workers"} | ({"image_size"} if not self.image_size else set())
+        return {key: value for key, value in asdict(self).items() if key not in without}

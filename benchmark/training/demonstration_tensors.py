@@ -11,6 +11,8 @@ from lerobot.datasets import LeRobotDataset, LeRobotDatasetMetadata
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 from torch import Tensor
 
+from benchmark.settings.setting import SettingError
+
 
 @dataclass(frozen=True)
 class DemonstrationTensors:
@@ -58,8 +60,17 @@ class DemonstrationTensors:
 
 
 def load_demonstrations(root: Path) -> DemonstrationTensors:
-    """Reads a dataset that `benchmark.collect` or LeRobot wrote."""
+    """Reads a dataset that `benchmark.collect` or LeRobot wrote.
+
+    Raises:
+        SettingError: If it has pictures in place of the environment's state.
+    """
     dataset = LeRobotDataset(f"local/{root.name}", root=root, video_backend="pyav")
+    if OBS_ENV_STATE not in dataset.meta.features:
+        raise SettingError(
+            f"{root} has no {OBS_ENV_STATE}, which our own policies see. Train on its pictures with lerobot-train, or "
+            "collect with image_size=0."
+        )
     columns = dataset.hf_dataset.with_format("numpy")
     episodes = dataset.meta.episodes
     starts = torch.tensor(episodes["dataset_from_index"])

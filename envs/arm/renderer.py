@@ -76,6 +76,11 @@ class Renderer:
         self.close()
 
 
+def is_drawn(pixels: Any) -> bool:
+    """Whether a side of a picture has a length that is drawn, in pixels."""
+    return isinstance(pixels, int | np.integer) and 8 <= pixels <= LARGEST
+
+
 def check_size(name: str, width: int, height: int) -> None:
     """Refuse a size that is not drawn.
 
@@ -83,7 +88,7 @@ def check_size(name: str, width: int, height: int) -> None:
         ValueError: If it is none.
     """
     for side, pixels in (("width", width), ("height", height)):
-        if not isinstance(pixels, int | np.integer) or not 8 <= pixels <= LARGEST:
+        if not is_drawn(pixels):
             raise ValueError(f"{name}_{side} is a whole number of pixels from 8 to {LARGEST}. Got {pixels!r}")
 
 

@@ -19,11 +19,14 @@ SPACING = 0.01
 """Of the grid on which the oracle that knows its arm has where that can hold its tool, in [m]."""
 
 
-def make(arm: Any, render_mode: str | None = None, **size: Any) -> gymnasium.Env:
-    """The environment on an arm (`envs.arm.placed_arm.PlacedArm`); its pictures have `visualization_width` and
-    `visualization_height`, in pixels."""
-    obs_type = "environment_state_agent_pos"
-    return gymnasium.make(BLOCK_PUSH_ID, arm=arm, obs_type=obs_type, render_mode=render_mode, **size)
+def make(arm: Any, render_mode: str | None = None, picture: tuple[int, int] | None = None) -> gymnasium.Env:
+    """The environment on an arm (`envs.arm.placed_arm.PlacedArm`), with a picture of this width and height, in pixels,
+    in place of the state of blocks and targets."""
+    seen: dict[str, Any] = {"obs_type": "environment_state_agent_pos"}
+    if picture is not None:
+        width, height = picture
+        seen = {"obs_type": "pixels_agent_pos", "observation_width": width, "observation_height": height}
+    return gymnasium.make(BLOCK_PUSH_ID, arm=arm, render_mode=render_mode, **seen)
 
 
 def plain_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
@@ -85,6 +88,7 @@ BLOCK_PUSH = Task(
     history=(),
     plain_oracle=plain_oracle,
     aware_oracle=aware_oracle,
+    shows_pictures=True,
     plan=("first_block", "first_target"),
     traits=(
         Trait("far_target_first", "farther first", far_target_first),
