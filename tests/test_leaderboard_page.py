@@ -7,6 +7,7 @@ from pathlib import Path
 
 import imageio.v3 as imageio
 import numpy as np
+import pandas as pd
 import pytest
 
 from benchmark.scoring.leaderboard_page import page
@@ -85,8 +86,19 @@ def column(browser, title, table="ranking"):
     """Texts below a column's title."""
     cells = browser.find_elements("css selector", f"#{table} thead th")
     titles = [cell.text.split("\n")[0].strip(" ↕↑↓") for cell in cells]
-    rows = browser.find_elements("css selector", f"#{table} > tbody > tr")
+    rows = browser.find_elements("css selector", f"#{table} > tbody > tr:not(.group)")
     return [row.find_elements("css selector", ":scope > td")[titles.index(title)].text for row in rows]
+
+
+def groups(browser, title):
+    """The same of each part of the ranking, by the part's title."""
+    parts, texts = {}, iter(column(browser, title))
+    for row in browser.find_elements("css selector", "#ranking > tbody > tr"):
+        if row.get_attribute("class") == "group":
+            part = parts.setdefault(row.text, [])
+        else:
+            part.append(next(texts))
+    return parts
 
 
 def first_number(text):
@@ -98,6 +110,7 @@ def test_it_shows_the_figures_of_the_table_and_fetches_nothing(opened, tables):
     shown = [first_number(text) for text in column(browser, "p2")]
     assert shown == pytest.approx((100 * tables[STRICT].p2).tolist(), abs=0.051)
     assert column(browser, "n") == [f"{n}*" for n in tables[STRICT].n]
+    browser.find_element("tag name", "summary").click()
     about = browser.find_element("id", "about").text
     assert about.startswith(f"{sum(table.n.sum() for table in tables.values())} episodes") and "commit c1" in about
     fetched = browser.execute_script("return performance.getEntriesByType('resource').map(x => x.name)")
@@ -122,17 +135,19 @@ def test_a_click_on_a_title_sorts_and_another_one_turns_it_round(opened, tables)
     browser = opened()
     (title,) = [x for x in browser.find_elements("css selector", "#ranking th button") if x.text == "success at end"]
     title.click()
-    values = [first_number(text) for text in column(browser, "success at end")]
-    assert values == sorted(values, reverse=True) and len(values) == len(tables[STRICT])
+    falling = {part: [*map(first_number, texts)] for part, texts in groups(browser, "success at end").items()}
+    assert falling == {part: sorted(values, reverse=True) for part, values in falling.items()}
+    assert sum(map(len, falling.values())) == len(tables[STRICT])
     browser.switch_to.active_element.click()
-    assert [first_number(text) for text in column(browser, "success at end")] == values[::-1]
+    rising = {part: [*map(first_number, texts)] for part, texts in groups(browser, "success at end").items()}
+    assert rising == {part: values[::-1] for part, values in falling.items()}
     assert browser.find_element("css selector", "th[aria-sort=ascending]").text.startswith("success at end")
 
 
 def test_filters_narrow_everything_and_the_address_keeps_them(opened):
     browser = opened()
     choose(browser, "robot", "ur3")
-    assert set(column(browser, "arm")) == set(column(browser, "arm", "mechanism")) == {"ur3"}
+    assert set(column(browser, "arm", "mechanism")) == {"ur3"} and [*groups(browser, "n")] == ["ur3, embodied"]
     browser.find_element("name", "text").send_keys("entry")
     assert column(browser, "method") == ["+pull-back entry"]
     assert browser.find_element("tag name", "output").text == "1 of 7 rows"
@@ -143,7 +158,7 @@ def test_filters_narrow_everything_and_the_address_keeps_them(opened):
     assert browser.find_element("tag name", "output").text == "7 of 7 rows"
     choose(browser, "method", "projection")
     choose(browser, "setting", "embodied")
-    assert column(browser, "arm") == ["ur3", "ur5"]
+    assert [*groups(browser, "n")] == ["ur3, embodied", "ur5, embodied"]
 
 
 def test_a_row_opens_to_its_policies(opened, tables):
@@ -166,7 +181,8 @@ def test_the_keyboard_reaches_filters_titles_and_rows(opened):
         browser.switch_to.active_element.send_keys(Keys.TAB)
         reached.append(browser.switch_to.active_element)
     named = [x.get_attribute("name") or x.get_attribute("aria-label") or x.text for x in reached]
-    assert ["protocol", "setting", "robot", "method", "text", "All", "Ranking", "setting", "arm"] == named[:9]
+    assert named[0].startswith("How to read it")
+    assert ["protocol", "setting", "robot", "method", "text", "All", "Ranking", "method", "λ"] == named[1:10]
     assert "Policies of projection 0.01 on ur3, embodied" in named
     reached[named.index("success at end")].send_keys(Keys.ENTER)
     assert browser.find_element("css selector", "th[aria-sort=descending]").text.startswith("success at end")
@@ -217,6 +233,39 @@ def test_moving_pictures_can_be_stopped(opened):
     assert browser.find_element("css selector", "#pictures canvas").is_displayed()
     button.click()
     assert button.text == "Pause" and image.is_displayed()
+
+
+def test_another_way_of_standing_is_a_table_of_its_own(browser, tables, tmp_path):
+    """It is another task: its figures are not sorted among those of the usual way."""
+    moved = tables[STRICT][tables[STRICT].robot == "ur3"].assign(orientation_weight=0.01, p2=1.0)
+    file = tmp_path / "moved.html"
+    file.write_text(page(BLOCK_PUSH, {STRICT: pd.concat([moved, tables[STRICT]])}, tmp_path))
+    browser.get(file.as_uri())
+    assert [*groups(browser, "n")] == ["ur3, embodied", "ur5, embodied", "ur3, embodied, orientation weight 0.01"]
+
+
+def test_titles_say_what_they_mean(opened):
+    browser = opened()
+    for title in browser.find_elements("css selector", "#ranking th button"):
+        assert len(title.get_attribute("title")) > 20, title.text
+
+
+def test_a_phone_shows_the_page_in_its_width(opened):
+    browser = opened()
+    phone = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", phone)
+    try:
+        for view in ("", "#protocol=paper"):
+            opened(view)
+            browser.find_element("tag name", "summary").click()
+            assert browser.execute_script("return [innerWidth, document.documentElement.scrollWidth]") == [390, 390]
+            scrolls = "return [...document.querySelectorAll('.scroll')].map(x => [x.clientWidth, x.scrollWidth])"
+            assert all(seen < 390 < whole for seen, whole in browser.execute_script(scrolls))
+            assert min(bar.rect["width"] for bar in browser.find_elements("css selector", "#causes .bar")) > 250
+            parts = browser.find_elements("css selector", "#causes *, figure, form *")
+            assert max(part.rect["x"] + part.rect["width"] for part in parts) <= 390
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

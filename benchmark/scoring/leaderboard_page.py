@@ -50,6 +50,7 @@ def page(task: "Task", tables: "dict[Protocol, pd.DataFrame]", figures: Path, re
             for protocol in tables
         },
         "ranks": task.ranking[0],
+        "scores": {score.name: score.text for score in task.scores},
         "mechanism": {"order_changed": "order changed"} | {trait.name: trait.title for trait in task.traits},
         "published": {robot: asdict(published) for robot, published in TABLE_3.items()},
         "pictures": pictures(figures),
@@ -59,6 +60,8 @@ def page(task: "Task", tables: "dict[Protocol, pd.DataFrame]", figures: Path, re
     }
     texts = {"how_to_read": how_to_read(task), "mechanism": mechanism_text(task), "task": task.description}
     prose = {name: MarkdownIt().render(text) for name, text in texts.items()}
+    (meaning,) = [score.text for score in task.scores if score.name == task.ranking[0]]
+    prose |= {"ranked": task.ranking[0].replace("_", " "), "meaning": meaning}
     filled = prose | {"data": json.dumps(data).replace("<", "\\u003c")}
     return re.sub(r"{{(\w+)}}", lambda place: filled[place[1]], TEMPLATE.read_text())
 
