@@ -5,6 +5,7 @@ python -m benchmark.leaderboard recipe=clean
 """
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from benchmark.settings.command import SettingError, run_command
@@ -34,22 +35,29 @@ class LeaderboardConfig:
 
 def main(config: LeaderboardConfig) -> None:
     """Write LEADERBOARD.md and leaderboard.html from all tables of episodes in `output_dir`."""
+    from rich.console import Console
+
     from benchmark.artifacts.known_policies import shipped
     from benchmark.episodes.checked_rows import read_checked
     from benchmark.scoring.leaderboard_page import page
     from benchmark.scoring.leaderboard_text import markdown
     from benchmark.scoring.oracle_scores import with_oracles
     from benchmark.scoring.ranking import counted, leaderboard, protocols_of
+    from richmap.progress import progress_bar
 
-    folder, task = Path(config.output_dir), chosen_task(config.task)
-    episodes = read_checked(folder, task, FIRST_TEST_SEED)
-    if config.recipe != USUAL and len(episodes):
-        episodes = episodes[episodes.entry_hash == ""]
-    tables, ours = {}, shipped(config.recipe, task.name) or {*episodes.get("checkpoint_hash", ())}
-    for protocol in protocols_of(task):
-        rows = counted(episodes, protocol, ours)
-        if len(rows):
-            tables[protocol] = with_oracles(leaderboard(rows, protocol, task), episodes, task)
+    folder, task, tables = Path(config.output_dir), chosen_task(config.task), {}
+    with progress_bar(Console(stderr=True)) as progress:
+        reading = progress.add_task("Reading episodes", total=None)
+        episodes = read_checked(folder, task, FIRST_TEST_SEED)
+        progress.remove_task(reading)
+        if config.recipe != USUAL and len(episodes):
+            episodes = episodes[episodes.entry_hash == ""]
+        ours = shipped(config.recipe, task.name) or {*episodes.get("checkpoint_hash", ())}
+        for protocol in protocols_of(task):
+            rows = counted(episodes, protocol, ours)
+            if len(rows):
+                track = partial(progress.track, description=f"Rows of protocol {protocol.name}")
+                tables[protocol] = with_oracles(leaderboard(rows, protocol, task, track), episodes, task)
     if not tables:
         raise SettingError(
             f"There are no test episodes (seeds from {FIRST_TEST_SEED}) of a protocol that count, in any "

@@ -18,27 +18,21 @@ def main(config: RunConfig) -> None:
     """Roll out at lambda and at 0 on the same episodes, store every episode, and print the comparison."""
     from rich.console import Console
 
-    from benchmark.artifacts.wandb_run import unharmed
     from benchmark.rollouts.missing_episodes import run_and_store
     from benchmark.scoring.report import print_report
     from benchmark.sweeps.chosen_scale import note_on_tuning, rollouts_of
-    from benchmark.sweeps.experiment_log import log_curves, log_evaluation, log_field
+    from benchmark.sweeps.experiment_log import log_run
     from benchmark.sweeps.suite_run import show_suite, suite_rows
 
-    console, tables = Console(), []
+    console = Console()
     if config.conditions:
         show_suite(config, suite_rows(config, console, with_direct=True))
         return
     if note := note_on_tuning(config):
         console.print(note)
     rollouts = rollouts_of(config, console)
-    for rollout in rollouts:
-        tables.append(run_and_store(rollout, config, console))
-        with unharmed():
-            log_field(config, rollout, config.output_dir)
-            log_evaluation(config, rollout, tables[-1], config.output_dir)
-    with unharmed():
-        log_curves(rollouts[0].task, config.wandb, tables, config.output_dir)
+    tables = [run_and_store(rollout, config, console) for rollout in rollouts]
+    log_run(config, rollouts, tables)
     print_report(rollouts[0].task, tables, Path(config.output_dir))
 
 

@@ -1,5 +1,6 @@
 """Methods ranked on each arm: a pure function of the episodes tables, by two protocols."""
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import or_
@@ -102,7 +103,9 @@ def counted_by_any(episodes: "pd.DataFrame", ours: set[str]) -> "pd.DataFrame":
     return pd.concat([counted(episodes, protocol, ours) for protocol in PROTOCOLS])
 
 
-def leaderboard(episodes: "pd.DataFrame", protocol: Protocol, task: "Task") -> "pd.DataFrame":
+def leaderboard(
+    episodes: "pd.DataFrame", protocol: Protocol, task: "Task", track: Callable[[Sequence], Iterable] = iter
+) -> "pd.DataFrame":
     """One row per arm and method, over all policies: scores, differences to direct transfer, what changed, causes.
 
     Rows that lack episodes or policies, or some of those of direct transfer that they are compared with, come last on
@@ -120,6 +123,7 @@ def leaderboard(episodes: "pd.DataFrame", protocol: Protocol, task: "Task") -> "
         episodes: The rows that count.
         protocol: Says by which scores.
         task: What they are of.
+        track: Goes through the rows that are made, such as a progress bar.
 
     Raises:
         SettingError: If two policies go by one name.
@@ -129,13 +133,17 @@ def leaderboard(episodes: "pd.DataFrame", protocol: Protocol, task: "Task") -> "
     rows, ours = [], episodes.checkpoint_hash[episodes.entry_hash == ""].unique()
     traits = {trait.name: trait.of(episodes) for trait in task.traits if trait.of}
     episodes = episodes.assign(**traits, training=_training(episodes))
-    for _, on_arm in episodes.groupby([*ARM, "episode_version"]):
-        for _, group in on_arm.groupby([*GUIDANCE, *SAMPLING], dropna=False):
-            foreign = bool(group.entry_hash.iloc[0]) and not group.checkpoint_hash.isin(ours).any()
-            direct = _direct(on_arm, group, foreign)
-            mixed = not foreign and not group.checkpoint_hash.isin(ours).all()
-            row = _row(group, direct, protocol, task, foreign) | _to_usual_arm(episodes, group, protocol)
-            rows.append(row | {"complete": row["complete"] and not mixed})
+    groups = [
+        (on_arm, group)
+        for _, on_arm in episodes.groupby([*ARM, "episode_version"])
+        for _, group in on_arm.groupby([*GUIDANCE, *SAMPLING], dropna=False)
+    ]
+    for on_arm, group in track(groups):
+        foreign = bool(group.entry_hash.iloc[0]) and not group.checkpoint_hash.isin(ours).any()
+        direct = _direct(on_arm, group, foreign)
+        mixed = not foreign and not group.checkpoint_hash.isin(ours).all()
+        row = _row(group, direct, protocol, task, foreign) | _to_usual_arm(episodes, group, protocol)
+        rows.append(row | {"complete": row["complete"] and not mixed})
     table = pd.DataFrame(rows)
     for score in protocol.scores:
         table[f"{score}_holm"] = adjusted(table, f"{score}_p")

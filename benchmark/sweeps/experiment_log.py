@@ -6,14 +6,15 @@ description: from its settings `benchmark.build_maps` builds the same file again
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from benchmark.artifacts.wandb_run import _checkpoint, _use, start_experiment
+from benchmark.artifacts.wandb_run import _checkpoint, _use, start_experiment, unharmed
 from benchmark.settings.config import RunConfig, WandbConfig
+from richmap.progress import progress_bar
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,6 +23,20 @@ if TYPE_CHECKING:
     from benchmark.rollouts.rollout import Rollout
     from envs.task import Task
     from richmap.maps.reachability_map import ReachabilityMap
+
+
+def log_run(config: RunConfig, rollouts: "Sequence[Rollout]", tables: "Sequence[pd.DataFrame]") -> None:
+    """All of a command's rollouts, with a bar: W&B takes its time; what it does not take is said in a line."""
+    if config.wandb.mode == "disabled":
+        return
+    with progress_bar() as progress:
+        each = [*zip(rollouts, tables, strict=True)]
+        for rollout, rows in progress.track(each, description="W&B, rollouts"):
+            with unharmed():
+                log_field(config, rollout, config.output_dir)
+                log_evaluation(config, rollout, rows, config.output_dir)
+    with unharmed():
+        log_curves(rollouts[0].task, config.wandb, tables, config.output_dir)
 
 
 def log_field(config: RunConfig, rollout: "Rollout", group: str) -> None:
@@ -94,16 +109,20 @@ def log_curves(task: "Task", config: WandbConfig, tables: "Iterable[pd.DataFrame
     shown = [f"{score}{end}" for score in task.score_names for end in ("", "_low", "_high", "_difference")]
     is_direct = points.method == "direct"
     points.loc[is_direct, [name for name in shown if name.endswith("_difference")]] = math.nan  # To itself.
-    guided = points[~is_direct]
-    for _, curve in guided.groupby([*CHOSEN_FOR, "method", "field_fingerprint"], sort=False):
-        first = curve.iloc[0]
-        alike = (points[CHOSEN_FOR] == first[CHOSEN_FOR]).all(axis=1)
-        name = f"{first.robot}-{first.setting}-{first.method}"
-        with start_experiment(config, name, group, "curve", first[[*CHOSEN_FOR, "method"]].to_dict()) as run:
-            run.define_metric("curve/*", step_metric="lambda")
-            for part in (points[alike & is_direct], curve.sort_values("lambda")):
-                for _, row in part[["n", *shown]].add_prefix("curve/").assign(**{"lambda": part["lambda"]}).iterrows():
-                    run.log(row.dropna().to_dict())
+    curves = [
+        curve for _, curve in points[~is_direct].groupby([*CHOSEN_FOR, "method", "field_fingerprint"], sort=False)
+    ]
+    with progress_bar() as progress:
+        for curve in progress.track(curves, description="W&B, curves"):
+            first = curve.iloc[0]
+            alike = (points[CHOSEN_FOR] == first[CHOSEN_FOR]).all(axis=1)
+            name = f"{first.robot}-{first.setting}-{first.method}"
+            with start_experiment(config, name, group, "curve", first[[*CHOSEN_FOR, "method"]].to_dict()) as run:
+                run.define_metric("curve/*", step_metric="lambda")
+                for part in (points[alike & is_direct], curve.sort_values("lambda")):
+                    named = part[["n", *shown]].add_prefix("curve/").assign(**{"lambda": part["lambda"]})
+                    for _, row in named.iterrows():
+                        run.log(row.dropna().to_dict())
 
 
 def _log_video(run: "wandb.Run", rollout: "Rollout", seed: int) -> None:
