@@ -78,7 +78,7 @@ class Renderer:
 
 def is_drawn(pixels: Any) -> bool:
     """Whether a side of a picture has a length that is drawn, in pixels."""
-    return isinstance(pixels, int | np.integer) and 8 <= pixels <= LARGEST
+    return isinstance(pixels, int | np.integer) and bool(8 <= pixels <= LARGEST)
 
 
 def check_size(name: str, width: int, height: int) -> None:
