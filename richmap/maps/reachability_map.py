@@ -226,7 +226,7 @@ class ReachabilityMap:
         arrays = {"start": self.start, "directions": self.directions, "joints": self.joints, "limits": self.limits}
         return arrays if self.gaps is None else {**arrays, "gaps": self.gaps}
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Write the map as one safetensors file, atomically."""
         about = {
             "grid": json.dumps(asdict(self.grid)),
@@ -234,7 +234,7 @@ class ReachabilityMap:
             "rolls_tracked": json.dumps(self.rolls_tracked),
             "frame": f"base frame of {self.construction.robot}; lengths in m, angles in rad",
         }
-        save_arrays(path, KIND, VERSION, self._arrays(), about)
+        save_arrays(Path(path), KIND, VERSION, self._arrays(), about)
 
     @classmethod
     def load(cls, path: Path | str, robot: RobotDescription | None = None) -> "ReachabilityMap":
