@@ -1,6 +1,6 @@
 """Python blocks of the documents, as tests: `make test-docs`. Blocks of one page share their names.
 
-They run in a folder of their own, which holds what the shell blocks beside them need or make, so that they leave no row,
+They run in a folder of their own, which holds what the shell blocks beside them need or make: they leave no row,
 map or data set in the project's.
 """
 
