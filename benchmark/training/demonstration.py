@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -49,7 +50,9 @@ def source_env(size: int = 0) -> gymnasium.Env:
     Args:
         size: Width and height of the pictures that `render` gives, in pixels; 0 for none.
     """
-    drawn = {"render_mode": "rgb_array", "visualization_width": size, "visualization_height": size} if size else {}
+    drawn: dict[str, Any] = {}
+    if size:
+        drawn = {"render_mode": "rgb_array", "visualization_width": size, "visualization_height": size}
     return gymnasium.make(envs.ENVIRONMENTS[SOURCE], **drawn)
 
 
@@ -165,9 +168,9 @@ def _unusual_scene(rng: np.random.Generator, draw: Callable[[np.random.Generator
 
 def pack(episodes: list[Demonstration]) -> dict[str, np.ndarray]:
     """Arrays that hold the episodes one after another."""
-    columns = ("observations", "actions", "rewards", "successes")
+    columns = ["observations", "actions", "rewards", "successes"]
     if episodes[0].pictures is not None:
-        columns = (*columns, "pictures")
+        columns.append("pictures")
     return {
         "seed": np.array([episode.seed for episode in episodes]),
         "kind": np.array([episode.kind for episode in episodes]),

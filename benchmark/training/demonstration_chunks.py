@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from concurrent.futures import as_completed
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +45,8 @@ def _simulate_chunk(config: CollectConfig, seeds: range, chunks: Path) -> None:
 
 def _demonstrate(config: CollectConfig, seed: int) -> Demonstration:
     """One episode, with its pictures if they are asked for."""
-    env, frames = source_env(config.image_size), []
+    env = source_env(config.image_size)
+    frames: list[tuple[int, Any]] = []
 
     def watch(attempt: int) -> None:
         if config.image_size:
