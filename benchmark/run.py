@@ -32,8 +32,8 @@ def main(config: RunConfig) -> None:
         console.print(note)
     rollouts = rollouts_of(config, console)
     tables = [run_and_store(rollout, config, console) for rollout in rollouts]
-    log_run(config, rollouts, tables)
     print_report(rollouts[0].task, tables, Path(config.output_dir))
+    log_run(config, rollouts, tables)
 
 
 if __name__ == "__main__":

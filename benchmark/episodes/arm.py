@@ -1,7 +1,6 @@
 """The arm that settings describe, checked before anything is rolled out on it; and the columns that tell an arm."""
 
 from collections.abc import Mapping
-from functools import cache
 from itertools import batched
 from typing import TYPE_CHECKING, Any
 
@@ -42,10 +41,13 @@ def chosen_arm(config: RunConfig | OracleConfig, task: "Task") -> "PlacedArm":
         SettingError: If the arm cannot hold its tool over the task's start so.
     """
     from envs.arm.place_arm import place_arm
+    from envs.arm.placed_arm import start_posture
 
     poses = task.poses
     try:
-        return _able(place_arm(config.robot.load(), poses, config.setting, **vars(config.arm)), poses.start)
+        arm = place_arm(config.robot.load(), poses, config.setting, **vars(config.arm))
+        start_posture(arm, arm.kinematics(), poses.start)
+        return arm
     except ValueError as error:
         raise SettingError(f"arm: {error}") from error
 
@@ -179,12 +181,3 @@ def alike(episodes: "pd.DataFrame", values: Mapping[str, Any]) -> "pd.DataFrame"
 def _arms(rows: "pd.DataFrame") -> list[tuple[Any, ...]]:
     """The columns `ARM` of each row."""
     return [*rows[ARM].itertuples(index=False, name=None)]
-
-
-@cache
-def _able(arm: "PlacedArm", start: tuple[float, float, float]) -> "PlacedArm":
-    """The arm, if it can hold its tool over the task's start."""
-    from envs.arm.placed_arm import start_posture
-
-    start_posture(arm, arm.kinematics(), start)
-    return arm

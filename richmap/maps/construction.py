@@ -6,13 +6,14 @@ import os
 import shutil
 from collections import deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from itertools import count
 from math import ceil
 from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
@@ -75,7 +76,7 @@ def build_map(
         grid: Cells in the arm's base frame.
         construction: Settings; what was reached is filled in.
         folder: Where the state is kept. A build with another `stop_rate`, or a higher `target`, goes on from it.
-        workers: Sampling processes.
+        workers: Sampling processes; one is this process.
         report: Called after each batch.
 
     Raises:
@@ -87,8 +88,7 @@ def build_map(
     inserter = _empty(robot, grid, construction, folder)
     reached, seconds = _resume(folder, inserter, construction)
     begin = perf_counter() - seconds
-    with _Samplers(robot, construction, workers) as samplers:
-        draws = samplers.draws(reached.draws)
+    with _draws(robot, construction, workers, reached.draws) as draws:
         while not _done(reached, inserter.inserted):
             _check_room(folder)
             reached = _insert_batch(inserter, draws, reached)
@@ -243,37 +243,30 @@ def _resume(folder: Path, inserter: Inserter, construction: Construction) -> tup
     return replace(reached, stop_rate=construction.stop_rate, target=construction.target), state["seconds"]
 
 
-class _Samplers:
-    """Worker processes that write draws to slots of shared memory, in a fixed order, ahead of whoever reads them."""
+@contextmanager
+def _draws(robot: RobotDescription, construction: Construction, workers: int, first: int) -> Iterator[Iterator[Orbits]]:
+    """Draws from number `first` on, in their order. Each is overwritten once the next one was asked for."""
+    if workers == 1:
+        yield (_sample(robot, construction, index) for index in count(first))
+        return
+    slots, context = 2 * workers + 1, get_context("spawn")
+    size = slots * construction.draw
+    buffers = [context.RawArray("b", size * dtype.itemsize * width) for dtype, width in _fields(robot, construction)]
+    with worker_pool(workers, _start_sampler, (robot, construction, buffers)) as pool:
+        yield _drawn(pool, _views(buffers, robot, construction), slots, first)
+        pool.shutdown(cancel_futures=True)
 
-    def __init__(self, robot: RobotDescription, construction: Construction, workers: int) -> None:
-        context = get_context("spawn")
-        self._slots = 2 * workers + 1
-        fields = _fields(robot, construction)
-        size = self._slots * construction.draw
-        buffers = [context.RawArray("b", size * dtype.itemsize * width) for dtype, width in fields]
-        self._draws = _views(buffers, robot, construction)
-        self._opened = worker_pool(workers, _start_sampler, (robot, construction, buffers))
 
-    def __enter__(self) -> "_Samplers":
-        self._pool = self._opened.__enter__()
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        if error[0] is None:
-            self._pool.shutdown(cancel_futures=True)
-        self._opened.__exit__(*error)
-
-    def draws(self, first: int) -> Iterator[Orbits]:
-        """Draws from number `first` on. Each is overwritten once the next one was asked for."""
-        queue = deque(self._pool.submit(_draw, i, i % self._slots) for i in range(first, first + self._slots - 1))
-        for i in count(first):
-            free, lower, way = queue.popleft().result()
-            ahead = i + self._slots - 1
-            queue.append(self._pool.submit(_draw, ahead, ahead % self._slots))
-            joints, *vectors, turns = (view[i % self._slots, :free] for view in self._draws)
-            position, direction, gap_axis = vectors
-            yield Orbits(joints, position, direction, gap_axis, turns, lower, way)
+def _drawn(pool: ProcessPoolExecutor, views: list[np.ndarray], slots: int, first: int) -> Iterator[Orbits]:
+    """What the workers draw into slots of shared memory, ahead of whoever reads it."""
+    queue = deque(pool.submit(_draw, i, i % slots) for i in range(first, first + slots - 1))
+    for i in count(first):
+        free, lower, way = queue.popleft().result()
+        ahead = i + slots - 1
+        queue.append(pool.submit(_draw, ahead, ahead % slots))
+        joints, *vectors, turns = (view[i % slots, :free] for view in views)
+        position, direction, gap_axis = vectors
+        yield Orbits(joints, position, direction, gap_axis, turns, lower, way)
 
 
 def _fields(robot: RobotDescription, construction: Construction) -> list[tuple[np.dtype, int]]:
@@ -304,9 +297,14 @@ def _start_sampler(robot: RobotDescription, construction: Construction, buffers:
 def _draw(index: int, slot: int) -> tuple[int, float, int]:
     """Draw orbits into a slot; how many, and what they share."""
     robot, construction, views = _sampler
-    rng = np.random.default_rng((construction.seed, index, DRAW))
-    orbits = sample_workspace(robot, rng, construction.draw, construction.turns, construction.ground)
+    orbits = _sample(robot, construction, index)
     arrays = orbits.joints, orbits.position, orbits.direction, orbits.gap_axis, orbits.free
     for view, array in zip(views, arrays, strict=True):
         view[slot, : len(array)] = array
     return len(orbits.joints), orbits.lower, orbits.way
+
+
+def _sample(robot: RobotDescription, construction: Construction, index: int) -> Orbits:
+    """The draw of a number."""
+    rng = np.random.default_rng((construction.seed, index, DRAW))
+    return sample_workspace(robot, rng, construction.draw, construction.turns, construction.ground)
