@@ -68,7 +68,7 @@ class EnterConfig:
     """Folder in which a folder of the entry's name gets its episodes and entry.yaml."""
     device: str = "cpu"
     """Where the policy runs: cpu, as those that it is compared with, cuda, or auto (cuda if there is one)."""
-    slots: int | None = None
+    batch_size: int | None = None
     """Rows of the batch in which the policy is evaluated (see benchmark.run); null for the protocol's, as those have
     that it is compared with."""
     workers: int = 2
@@ -85,7 +85,7 @@ class EnterConfig:
         fits = any({*self.settings} <= {*protocol.settings} for protocol in protocols)
         check_setting(bool(self.settings) and fits, "settings", self.settings, allowed)
         self.episodes = self.protocol.episodes if self.episodes is None else self.episodes
-        self.slots = self.protocol.slots if self.slots is None else self.slots
+        self.batch_size = self.protocol.batch_size if self.batch_size is None else self.batch_size
         check_setting(bool(self.seeds), "seeds", self.seeds, "one or more whole numbers")
         tuned = not self.scale or self.seed_start < FIRST_TEST_SEED
         check_setting(tuned, "scale", self.scale, "none on test episodes; try scales with seed_start=50000")

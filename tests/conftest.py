@@ -71,13 +71,13 @@ def transfer_episodes():
     def rows(robot, setting, method, scale, rate, checkpoints, seeds, entry_hash=""):
         field = method not in ("direct", "pull-back")
         binds = setting != "original"
-        slots = 50 if binds else 10
+        batch_size = 50 if binds else 10
         for checkpoint in checkpoints:
             condition = Condition(
                 **arm_columns(block_push_arm(robot, setting)), method=method, guidance_scale=scale,
                 checkpoint=checkpoint, field_fingerprint="f" * field, entry_hash=entry_hash,
                 cell_size=0.05 if field else float("nan"), training_seed=int(checkpoint[4:6]),
-                checkpoint_hash=f"hash of {checkpoint}", batch_size=slots, **about,
+                checkpoint_hash=f"hash of {checkpoint}", batch_size=batch_size, **about,
             )  # fmt: skip
             for seed in seeds:
                 p1, p2 = sorted(rng.random(2) < rate, reverse=True)
@@ -90,7 +90,7 @@ def transfer_episodes():
                     first_target=str(rng.choice(["near", "far"])) if p1 else None,
                     failure_cause=None if p2 else str(rng.choice(causes)), share_near_base=float(rng.random() / 10),
                 ))  # fmt: skip
-                yield Episode(condition, seed, seed % slots, outcome).row()
+                yield Episode(condition, seed, seed % batch_size, outcome).row()
 
     models = ["seed42-1", "seed42-2", "seed43-1", "seed44-1"]
     best, first = ["seed42-1", "seed43-1", "seed44-1"], range(99_999, 100_010)

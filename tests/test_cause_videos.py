@@ -30,7 +30,7 @@ SEED = 50_015
 def stored(tmp_path_factory):
     """An episode that fails."""
     folder = tmp_path_factory.mktemp("stored")
-    config = RunConfig(robot=RobotConfig("ur3"), slots=2, device="cpu")
+    config = RunConfig(robot=RobotConfig("ur3"), batch_size=2, device="cpu")
     store_episodes(folder, play(make_rollout(config, 0.0, checkpoint_folder(42), Console(quiet=True)), [SEED]))
     return folder
 

@@ -22,6 +22,7 @@ BAD = {
     "robot.path=a.urdf": "robot.path=a.urdf goes with robot=custom. Here robot=ur3.",
     "lamda=1": "There is no setting 'lamda'. Did you mean 'lambda'? See all settings: python -m benchmark.run --help",
     "map.cel_size=1": "Did you mean 'map.cell_size'?",
+    "slots=50": "There is no setting 'slots'. Did you mean 'batch_size'?",
     "lambda=-1": "Allowed: any number >= 0",
     "lambda=abc": "any number >= 0",
     "lambda=nan": "any number >= 0",
@@ -138,11 +139,11 @@ def test_hydra_s_flags_work(give, tmp_path):
     assert "robot/ur3" in give(run.main, RunConfig, "run", "--info", "defaults").output
     (tmp_path / "experiment").mkdir()
     (tmp_path / "experiment" / "mine.yaml").write_text("# @package _global_\nepisodes: 3\n")
-    (tmp_path / "other.yaml").write_text("defaults: [run, _self_]\nslots: 4\n")
+    (tmp_path / "other.yaml").write_text("defaults: [run, _self_]\nbatch_size: 4\n")
     shown = []
     assert give(shown.append, RunConfig, "run", "--config-dir", str(tmp_path), "experiment=mine").status == 0
     assert give(shown.append, RunConfig, "run", f"--config-dir={tmp_path}", "--config-name=other").status == 0
-    assert (shown[0].episodes, shown[1].slots) == (3, 4)
+    assert (shown[0].episodes, shown[1].batch_size) == (3, 4)
 
 
 def test_a_shell_completes_settings_and_choices(give, monkeypatch):

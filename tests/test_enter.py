@@ -54,7 +54,7 @@ def write_entry(folder, **values):
 
 
 def settings(entry, output, **values):
-    few = {"robots": ["xarm6"], "seeds": [42], "episodes": len(SEEDS), "slots": 3, "workers": 1, "device": "cpu"}
+    few = {"robots": ["xarm6"], "seeds": [42], "episodes": len(SEEDS), "batch_size": 3, "workers": 1, "device": "cpu"}
     return EnterConfig(entry=str(entry), output_dir=str(output), **few | values)
 
 
@@ -77,7 +77,7 @@ def test_scales_are_tried_on_validation_scenes_and_keep_each_others_rows(tmp_pat
     folder, output = write_entry(tmp_path / "slow"), tmp_path / "out"
     with pytest.raises(SettingError, match="none on test episodes; try scales with seed_start=50000"):
         settings(folder, output, scale=[0.9])
-    few = {"seed_start": 50_000, "episodes": 1, "slots": 1}
+    few = {"seed_start": 50_000, "episodes": 1, "batch_size": 1}
     enter.main(settings(folder, output, scale=[0.9, 1.0], **few))
     enter.main(settings(folder, output, scale=[1.0], **few))
     assert sorted(read_episodes(output / "half-speed")["lambda"]) == [0.9, 1.0]
@@ -112,7 +112,7 @@ def test_an_entry_with_a_guidance_class_is_evaluated_and_its_rows_are_accepted(e
 
 
 def test_the_papers_protocol_is_setting_original_with_three_policies_of_a_seed(entry, tmp_path, monkeypatch):
-    config = settings(entry, tmp_path, settings=["original"], episodes=1, slots=None)
+    config = settings(entry, tmp_path, settings=["original"], episodes=1, batch_size=None)
     with pytest.raises(SettingError, match="of each seed only the best policy ships. .* benchmark.source_policies"):
         enter.main(config)
     for rank in (2, 3):  # As if they had been trained here.
@@ -126,7 +126,7 @@ def test_the_papers_protocol_is_setting_original_with_three_policies_of_a_seed(e
     assert len(counted(rows, PAPER, set())) == 3 and counted(rows, STRICT, set()).empty
     with pytest.raises(SettingError, match="Allowed: original or embodied, best"):
         settings(entry, tmp_path, settings=["original", "best"])  # Of two protocols.
-    for name in ("episodes", "slots", "replays"):
+    for name in ("episodes", "batch_size", "replays"):
         with pytest.raises(SettingError, match=f"{name}=0 is not allowed"):
             settings(entry, tmp_path, **{name: 0})  # Not what null is.
 

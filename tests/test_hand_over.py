@@ -99,7 +99,7 @@ def test_an_episode_does_not_know_what_was_before_it(field):
 
 def test_on_a_ur3_it_places_both_where_the_policy_alone_fails():
     seed, console = 50101, Console(quiet=True)
-    run = RunConfig(robot=RobotConfig("ur3"), setting="embodied", slots=1, device="cpu")
+    run = RunConfig(robot=RobotConfig("ur3"), setting="embodied", batch_size=1, device="cpu")
     rollout = Entry.load(FOLDER).rollout(run, checkpoint_folder(42), console)
     (episode,) = play(rollout, [seed])
     assert episode.outcome.p2

@@ -286,7 +286,7 @@ def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(transf
 def test_what_is_run_by_a_protocol_is_what_counts(protocol):
     given = OmegaConf.load(CONF / "protocol" / f"{protocol.name}.yaml")
     assert given.episodes == protocol.episodes and given.seed_start == FIRST_TEST_SEED
-    assert given.setting in protocol.settings and given.get("slots", RunConfig().slots) == protocol.slots
+    assert given.setting in protocol.settings and given.get("batch_size", RunConfig().batch_size) == protocol.batch_size
 
 
 @pytest.mark.results

@@ -26,7 +26,7 @@ FIRST = 50_014  # Of three episodes, even as rows are. In the second a block sta
 
 @pytest.fixture(scope="module")
 def ur3():
-    run = RunConfig(robot=RobotConfig("ur3"), slots=2, device="cpu")
+    run = RunConfig(robot=RobotConfig("ur3"), batch_size=2, device="cpu")
     return make_rollout(run, 0.0, checkpoint_folder(42), Console(quiet=True))
 
 

@@ -40,7 +40,7 @@ def settings(policy, output_dir, **values):
         "robot": RobotConfig("ur3"),
         "episodes": 10,
         "seed_start": 100_000,
-        "slots": 4,
+        "batch_size": 4,
         "device": "cpu",
         "workers": 1,
     } | values
@@ -58,7 +58,7 @@ def stored(policies, tmp_path_factory):
     folder = tmp_path_factory.mktemp("stored")
     for robot in ("xarm6", "ur3"):
         for policy in policies:
-            rolled_out(settings(policy, folder, robot=RobotConfig(robot), episodes=20, slots=50))
+            rolled_out(settings(policy, folder, robot=RobotConfig(robot), episodes=20, batch_size=50))
         oracle.main(OracleConfig(RobotConfig(robot), task=TASK, episodes=20, seed_start=100_000, workers=1,
                                  output_dir=str(folder / "oracle")))  # fmt: skip
     return folder

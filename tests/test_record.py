@@ -24,7 +24,7 @@ def test_an_episode_is_recorded_as_a_worker_plays_it_whatever_the_number_of_thre
     monkeypatch.setattr(
         "envs.arm.renderer.Renderer.draw", lambda self, data, width, height: np.zeros((8, 8, 3), np.uint8)
     )
-    config = RunConfig(robot=RobotConfig("ur3"), slots=10, device="cpu")
+    config = RunConfig(robot=RobotConfig("ur3"), batch_size=10, device="cpu")
     rollout = make_rollout(config, 0.0, checkpoint_folder(42), Console(quiet=True))
     before = torch.get_num_threads()
     try:

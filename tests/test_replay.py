@@ -26,7 +26,7 @@ from envs.block_push.task import BLOCK_PUSH
 
 pytestmark = pytest.mark.system
 
-CONFIG = RunConfig(robot=RobotConfig("xarm6"), slots=2, device="cpu", method="towards", guidance_scale=0.01)
+CONFIG = RunConfig(robot=RobotConfig("xarm6"), batch_size=2, device="cpu", method="towards", guidance_scale=0.01)
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,7 @@ from richmap.similarity.energy import EnergyField
 pytestmark = pytest.mark.system
 
 ROOT = Path(__file__).parents[1]
-CONFIG = RunConfig(robot=RobotConfig("xarm6"), slots=3, device="cpu")
+CONFIG = RunConfig(robot=RobotConfig("xarm6"), batch_size=3, device="cpu")
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +100,7 @@ def test_an_unknown_training_seed_is_refused():
 
 
 def test_a_killed_run_goes_on_where_it_was(tmp_path):
-    settings = ["robot=xarm6", "episodes=20", "slots=2", "workers=1", f"output_dir={tmp_path}", "device=cpu"]
+    settings = ["robot=xarm6", "episodes=20", "batch_size=2", "workers=1", f"output_dir={tmp_path}", "device=cpu"]
     command = [sys.executable, "-m", "benchmark.run", *settings]
     running = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL)
     deadline = time.monotonic() + 120

@@ -73,7 +73,7 @@ class Asked(TorchDispatchMode):
 @pytest.mark.parametrize("method", ["towards", "chunk_feasibility"])
 def test_no_policy_asks_mkl_for_a_function_of_single_precision(sampler, method):
     """MKL begins some of them from the processor's approximate reciprocals, of which each maker has its own."""
-    config = RunConfig(robot=RobotConfig("ur3"), method=method, slots=2, device="cpu", sampler=sampler)
+    config = RunConfig(robot=RobotConfig("ur3"), method=method, batch_size=2, device="cpu", sampler=sampler)
     rollout = make_rollout(config, 0.1, checkpoint_folder(42), Console(quiet=True))
     with Asked() as asked, torch.inference_mode():
         policy = load_policy(rollout)

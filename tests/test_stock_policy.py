@@ -19,7 +19,7 @@ from benchmark.settings.config import RobotConfig, RunConfig
 
 pytestmark = pytest.mark.system
 
-CONFIG = RunConfig(robot=RobotConfig("ur3"), slots=2, device="cpu")
+CONFIG = RunConfig(robot=RobotConfig("ur3"), batch_size=2, device="cpu")
 SEEDS = [50_000, 50_001]
 SHOWN = {"observation.state": (4,), "observation.environment_state": (12,), "action": (2,)}
 

@@ -160,7 +160,7 @@ def cache(tmp_path_factory):
 
 def small(folder):
     """Settings of a small sweep."""
-    settings = ["robot=ur3", "setting=original", "lambda=0,0.5", "slots=2", "device=cpu", f"output_dir={folder}"]
+    settings = ["robot=ur3", "setting=original", "lambda=0,0.5", "batch_size=2", "device=cpu", f"output_dir={folder}"]
     settings += [f"map.{name}={value}" for name, value in COARSE.items()]
     return [*settings, f"hydra.sweep.dir={folder / 'sweep'}"]
 

@@ -99,7 +99,7 @@ def make_condition(
         checkpoint_hash=source.policy_hash,
         field_fingerprint=field.about["fingerprint"] if field else "",
         cell_size=field.grid.cell_size if field else math.nan,
-        batch_size=config.slots,
+        batch_size=config.batch_size,
         device=device,
         commit=commit(),
         episode_version=task.episode_version(arm.setting),

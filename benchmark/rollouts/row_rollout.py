@@ -123,7 +123,7 @@ def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> 
         robot=RobotConfig(row["robot"]),
         setting=row["setting"],
         arm=arm,
-        slots=row["batch_size"],
+        batch_size=row["batch_size"],
         device=row["device"],
         workers=config.workers,
         map=replace(config.map, cell_size=row["cell_size"]) if energy else config.map,

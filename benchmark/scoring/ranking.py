@@ -28,7 +28,7 @@ class Protocol:
     settings: tuple[str, ...]
     episodes: int
     """Of each policy, from the first test seed on."""
-    slots: int
+    batch_size: int
     """Rows of the batches in which policies are evaluated: other batches round otherwise."""
     policies: int
     """Of ours; an entry may have one of its own."""
@@ -67,7 +67,7 @@ def counted(episodes: "pd.DataFrame", protocol: Protocol, ours: set[str]) -> "pd
         return episodes
     seeds = range(FIRST_TEST_SEED, FIRST_TEST_SEED + protocol.episodes)
     counts = episodes.setting.isin(protocol.settings) & episodes.episode_seed.isin(seeds)
-    counts &= episodes.batch_size == protocol.slots
+    counts &= episodes.batch_size == protocol.batch_size
     of_ours = episodes.checkpoint_hash.isin(ours)
     if protocol.best_only:
         of_ours &= ~episodes.checkpoint.str.fullmatch(r"(\w+-)?seed\d+-([2-9]|\d\d+)")

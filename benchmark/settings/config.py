@@ -295,7 +295,7 @@ class RunConfig:
     """Sampler of the diffusion policy: DDIM or DDPM."""
     sampling_steps: int = 10
     """Denoising steps per action chunk; a whole number from 1 to 100."""
-    slots: int = 10
+    batch_size: int = 10
     """Rows of the batch in which the policy is evaluated; an episode's row and this number are stored with it, since
     float results depend on the batch's shape. A whole number >= 1."""
     workers: int = 2
@@ -317,7 +317,7 @@ class RunConfig:
             check_setting(scale == 0 or guided, "lambda", scale, f"0 with method={self.method}")
         if scale is not None and self.method in METHODS and METHODS[self.method].counts:
             check_setting(scale == int(scale), "lambda", scale, f"a whole number of samples with method={self.method}")
-        for name in ("episodes", "slots", "workers"):
+        for name in ("episodes", "batch_size", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
         check_setting(self.checkpoint >= 1, "checkpoint", self.checkpoint, "a whole number >= 1")

@@ -16,10 +16,10 @@ WORKER_GB = 0.5
 EPISODE_SECONDS = 0.3
 """About what an episode takes on one core."""
 
-SLOT_GB = 0.02
+ENVIRONMENT_GB = 0.02
 """Memory of one environment, in [GB]."""
 
-MOST_EPISODES, MOST_SLOTS, MOST_BATCH, MOST_LAMBDA = 1_000_000, 1000, 65_536, 10_000
+MOST_EPISODES, MOST_ENVIRONMENTS, MOST_BATCH, MOST_LAMBDA = 1_000_000, 1000, 65_536, 10_000
 
 
 def check_limits(values: Mapping[str, Any], settings: Mapping[str, Setting]) -> None:
@@ -38,7 +38,7 @@ def check_limits(values: Mapping[str, Any], settings: Mapping[str, Setting]) -> 
         elif isinstance(value, list) and name in settings:
             _check_list(name, value, settings[name].default)
         elif isinstance(value, int | float) and not isinstance(value, bool):
-            _check_number(name, value)
+            _check_number(name, value, "training " if "steps" in settings else "")
 
 
 def _check_list(name: str, values: list, default: list | None) -> None:
@@ -52,16 +52,20 @@ COORDINATES = ("arm.base", "arm.narrowed", "arm.posture", "cell")
 """Lists in which a value may come twice."""
 
 
-def _check_number(name: str, value: float) -> None:
+def _check_number(name: str, value: float, of: str) -> None:
     cores = os.cpu_count() or 1
-    most, cost = {
+    limits = {
         "workers": (max(16, 4 * cores), f"of {WORKER_GB:g} GB each on {cores} cores: {value * WORKER_GB:,.0f} GB"),
         "threads": (max(16, 4 * cores), f"on {cores} cores"),
-        "slots": (MOST_SLOTS, f"of {1000 * SLOT_GB:g} MB each: {value * SLOT_GB:,.0f} GB"),
+        "batch_size": (
+            MOST_ENVIRONMENTS,
+            f"environments of {1000 * ENVIRONMENT_GB:g} MB: {value * ENVIRONMENT_GB:,.0f} GB",
+        ),
         "episodes": (MOST_EPISODES, f"of {EPISODE_SECONDS:g} s each: {value * EPISODE_SECONDS / 86400:,.0f} days"),
-        "batch_size": (MOST_BATCH, f"rows at once: {value * 4e-5:,.0f} GB"),
+        "training batch_size": (MOST_BATCH, f"rows at once: {value * 4e-5:,.0f} GB"),
         "lambda": (MOST_LAMBDA, "is beyond every unit that a scale has"),
-    }.get(name, (math.inf, ""))
+    }
+    most, cost = limits.get(of + name) or limits.get(name, (math.inf, ""))
     if value > most:
         raise SettingError(f"{name}={value:g} is not allowed: {cost}. Allowed: up to {most}.")
 

@@ -54,6 +54,10 @@ def split(arguments: Iterable[str]) -> tuple[list[str], list[str]]:
     return flags, overrides
 
 
+FORMER = {"slots": "batch_size"}
+"""What settings were once called."""
+
+
 def checked(overrides: Iterable[str], known: Mapping[str, Setting], name: str, sweeps: bool) -> list[str]:
     """The overrides, each text quoted where Hydra would read it otherwise.
 
@@ -74,7 +78,7 @@ def checked(overrides: Iterable[str], known: Mapping[str, Setting], name: str, s
             raise SettingError(f"{override!r} is not setting=value. {_where(name)}")
         if not key.startswith("hydra"):
             if key not in known:
-                close = difflib.get_close_matches(key, known, n=1)
+                close = [FORMER[key]] if key in FORMER else difflib.get_close_matches(key, known, n=1)
                 hint = f"Did you mean {close[0]!r}? " if close else ""
                 raise SettingError(f"There is no setting {key!r}. {hint}{_where(name)}")
             if key in given:

@@ -66,7 +66,7 @@ class LerobotAgreementConfig:
     """Folder of a LeRobot checkpoint to evaluate instead (see benchmark.run)."""
     seed_start: int = 50_000
     """Seed of the first episode."""
-    slots: int = 10
+    batch_size: int = 10
     """Environments that LeRobot steps together, and rows of our batches; a whole number >= 1."""
     workers: int = 2
     """Processes of our rollouts; a whole number >= 1."""
@@ -75,7 +75,7 @@ class LerobotAgreementConfig:
 
     def __post_init__(self) -> None:
         check_setting(self.robot.name in ROBOTS, "robot", self.robot.name, ", ".join(ROBOTS))
-        for name in ("episodes", "slots", "workers"):
+        for name in ("episodes", "batch_size", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         check_scenes(self.seed_start, self.episodes)
         check_folder(self.output_dir)
@@ -113,12 +113,12 @@ def evaluate(rollout: "Rollout", config: LerobotAgreementConfig, folder: Path) -
         same = (stored[list(about)] == pd.Series(about)).all(axis=1)
         if set(seeds) <= set(stored.episode_seed[same]):
             continue
-        metrics = lerobot_eval(rollout, seeds, config.slots)
+        metrics = lerobot_eval(rollout, seeds, config.batch_size)
         rows = {**about, "episode_seed": seeds, "success": metrics["successes"], "sum_reward": metrics["sum_rewards"]}
         store_rows(file, pd.DataFrame(rows), KEY)
 
 
-def lerobot_eval(rollout: "Rollout", seeds: range, slots: int) -> dict[str, list]:
+def lerobot_eval(rollout: "Rollout", seeds: range, batch_size: int) -> dict[str, list]:
     """What lerobot-eval says of the episodes with these seeds: its `successes` and `sum_rewards`.
 
     It runs in a folder that is not the project's, so that only what is installed can be found, and offline.
@@ -136,7 +136,7 @@ def lerobot_eval(rollout: "Rollout", seeds: range, slots: int) -> dict[str, list
         "env.task": ENVIRONMENTS[condition.robot],
         "env.setting": condition.setting,
         "eval.n_episodes": len(seeds),
-        "eval.batch_size": min(slots, len(seeds)),
+        "eval.batch_size": min(batch_size, len(seeds)),
         "eval.use_async_envs": "false",
         "seed": seeds.start,
         "output_dir": "evaluation",

@@ -65,7 +65,7 @@ class ScalesConfig:
     """Sampler of the diffusion policy: DDIM or DDPM."""
     sampling_steps: int = 10
     """Denoising steps per action chunk; a whole number from 1 to 100."""
-    slots: int = 50
+    batch_size: int = 50
     """Rows of the batch in which the policy is evaluated (see benchmark.run); a whole number >= 1."""
     workers: int = 2
     """Processes that roll out or sample; results do not depend on it. A whole number >= 1."""
