@@ -78,7 +78,7 @@ def test_a_picture_is_what_lerobot_makes_of_it():
 
 
 def test_it_is_evaluated_and_its_rows_replay(sighted, tmp_path):
-    rows = benchmark.evaluate(sighted, "ur3", episodes=2, output_dir=tmp_path, slots=2, workers=1, device="cpu")
+    rows = benchmark.evaluate(sighted, "ur3", episodes=2, output_dir=tmp_path, batch_size=2, workers=1, device="cpu")
     assert list(rows.checkpoint) == ["sighted"] * 2 and list(rows.method) == ["direct"] * 2
     row = rows.iloc[1].to_dict()
     rollout = row_rollout(row, ReplayConfig(table=str(tmp_path), policy=str(sighted), random=1), None)
@@ -117,7 +117,9 @@ def test_pictures_that_are_not_drawn_are_refused(sighted, tmp_path, features):
     config["input_features"] = {name: {"type": "VISUAL", "shape": shape} for name, shape in features.items()}
     (tmp_path / "config.json").write_text(json.dumps(config))
     with pytest.raises(SettingError, match=r"has .*\(3, .*\. Here there are observation.state"):
-        benchmark.evaluate(tmp_path, "ur3", episodes=1, output_dir=tmp_path / "out", slots=1, workers=1, device="cpu")
+        benchmark.evaluate(
+            tmp_path, "ur3", episodes=1, output_dir=tmp_path / "out", batch_size=1, workers=1, device="cpu"
+        )
 
 
 def test_lerobot_eval_runs_it(sighted, tmp_path):
