@@ -36,8 +36,6 @@ REFUSED = {
     "source_policies": ["seeds=[]", "seeds=[42,42]", "candidates=[]"],
     "map_quality.verify_maps": ["maps=[]", "maps=[richmap,richmap]"],
     "map_quality.view": ["save=/dev/null/x.html"],
-    "studies.arms": ["robots=[]", "episodes=1000000000"],
-    "studies.top_view": ["robots=[]"],
 }  # fmt: skip
 
 

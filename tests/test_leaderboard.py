@@ -19,7 +19,7 @@ from benchmark.episodes.table import read_episodes, read_tables
 from benchmark.leaderboard import LeaderboardConfig, main
 from benchmark.scoring import leaderboard_text, oracle_scores, ranking
 from benchmark.scoring.leaderboard_text import beside_the_paper
-from benchmark.scoring.ranking import adjusted, as_usual, counted, counted_by_any, protocols_of
+from benchmark.scoring.ranking import adjusted, counted, protocols_of
 from benchmark.scoring.statistics import holm, paired_p_value
 from benchmark.settings.command import CONF, SettingError
 from benchmark.settings.config import PAPER_ARMS, RunConfig
@@ -124,20 +124,6 @@ def test_what_others_add_or_what_is_not_whole_changes_nobodys_p_values(boards):
     assert pd.isna(both.iloc[-1]) and not pd.isna(both.iloc[-2])
 
 
-def test_tables_by_name_and_scale_have_policies_as_they_usually_sample_by_one_version_of_the_code(
-    transfer_episodes, capsys
-):
-    assert len(as_usual(transfer_episodes)) == len(transfer_episodes)
-    otherwise = transfer_episodes[:3].assign(sampler=["DDPM", "DDIM", "DDIM"], sampling_steps=[100, 20, 10])
-    on_gpu = transfer_episodes[:1].assign(device="cuda")
-    kept = as_usual(pd.concat([transfer_episodes, otherwise, on_gpu]))
-    assert len(kept) == len(transfer_episodes) + 1
-    assert capsys.readouterr().out.startswith("3 episodes of policies that sample otherwise than usual, or on a GPU,")
-    with pytest.raises(SettingError, match="of several versions: 1, 2"):
-        as_usual(pd.concat([transfer_episodes, transfer_episodes[:1].assign(episode_version=2)]))
-    assert as_usual(pd.DataFrame()).empty
-
-
 def test_the_best_comes_first_and_an_entry_is_marked(boards):
     table = boards[STRICT]
     assert table.robot.is_monotonic_increasing
@@ -183,8 +169,6 @@ def test_other_batches_and_other_peoples_policies_do_not_count(transfer_episodes
         of_protocol = counted(transfer_episodes, protocol, OURS)
         with_others = counted(pd.concat([transfer_episodes, main_job, trained_here]), protocol, OURS)
         pd.testing.assert_frame_equal(with_others, of_protocol)
-    either = counted_by_any(pd.concat([transfer_episodes, main_job, trained_here]), OURS)
-    assert len(either) == sum(len(counted(transfer_episodes, protocol, OURS)) for protocol in PROTOCOLS)
 
 
 def test_an_entry_that_lacks_some_of_our_policies_or_episodes_is_incomplete_and_comes_last(transfer_episodes):

@@ -69,17 +69,13 @@ class Rollout:
         return {STATE: (space.state.width,), scene[0]: scene[1], "action": (space.action.width,)}
 
 
-def roll_out(rollout: Rollout, seeds: Iterable[int], workers: int) -> Iterator[list[Episode]]:
-    """Run an episode for each seed, batch by batch in worker processes; gives each batch as it is finished.
+def roll_out_all(jobs: Iterable[tuple[Rollout, Iterable[int]]], workers: int) -> Iterator[list[Episode]]:
+    """Run episodes with some seeds of one rollout after another, batch by batch in worker processes; one worker is this
+    process. Gives each batch as it is finished.
 
     The episode with seed s has row s mod `batch_size` of batch s div `batch_size`, whatever else is run. Rows that
     are not wanted are padded, so float results do not depend on which episodes share a batch.
     """
-    yield from roll_out_all([(rollout, seeds)], workers)
-
-
-def roll_out_all(jobs: Iterable[tuple[Rollout, Iterable[int]]], workers: int) -> Iterator[list[Episode]]:
-    """The same for one condition after another, in the same worker processes; one worker is this process."""
     import torch
 
     batches: dict[tuple[Rollout, int], list[int]] = {}

@@ -74,35 +74,6 @@ def counted(episodes: "pd.DataFrame", protocol: Protocol, ours: set[str]) -> "pd
     return episodes[counts & (of_ours | (episodes.entry_hash != ""))]
 
 
-def as_usual(episodes: "pd.DataFrame") -> "pd.DataFrame":
-    """The rows for tables that tell methods apart by name and scale: policies as they usually sample, on a CPU.
-
-    How many others there are is printed.
-
-    Raises:
-        SettingError: If they are of several episode versions.
-    """
-    if episodes.empty:
-        return episodes
-    usual = (episodes.sampler == RunConfig.sampler) & (episodes.sampling_steps == RunConfig.sampling_steps)
-    rows = episodes[(usual | (episodes.entry_hash != "")) & (episodes.device == "cpu")]
-    if left_out := len(episodes) - len(rows):
-        print(f"{left_out} episodes of policies that sample otherwise than usual, or on a GPU, are left out.")
-    if rows.episode_version.nunique() > 1:
-        raise SettingError(
-            f"There are test episodes of several versions: {', '.join(map(str, sorted({*rows.episode_version})))}. "
-            "Together they would be one method's. Move those of all but one away."
-        )
-    return rows
-
-
-def counted_by_any(episodes: "pd.DataFrame", ours: set[str]) -> "pd.DataFrame":
-    """The rows that one of the protocols counts; no two of them have a setting in common."""
-    import pandas as pd
-
-    return pd.concat([counted(episodes, protocol, ours) for protocol in PROTOCOLS])
-
-
 def leaderboard(
     episodes: "pd.DataFrame", protocol: Protocol, task: "Task", track: Callable[[Sequence], Iterable] = iter
 ) -> "pd.DataFrame":

@@ -117,8 +117,7 @@ rules are in the README and in `envs/failure.py`. *Stored*: failed episodes by t
 methods and seeds, also of scales and policies that were tried and not chosen. Any row replays alone: `python -m
 benchmark.replay table=results row=<row>`.
 
-No stored episode of a policy failed, and fails when it is replayed here, by: {missing} (the scripted oracles' may:
-`python -m benchmark.studies.arms`).
+No stored episode of a policy failed, and fails when it is replayed here, by: {missing}.
 
 | cause | stored | the episode that is shown | |
 |---|---|---|---|
