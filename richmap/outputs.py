@@ -11,6 +11,10 @@ class CacheError(ValueError):
     """The cache lacks a file, and cannot be written to."""
 
 
+class DrawingError(RuntimeError):
+    """Nothing can be drawn on this machine."""
+
+
 @contextmanager
 def replacing(file: Path) -> Iterator[Path]:
     """A path with the same ending beside a file, in whose place it is put, in one move, once it is written.

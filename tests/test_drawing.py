@@ -136,9 +136,17 @@ def test_an_interpreter_ends_quietly_with_a_renderer_open():
 def test_a_variable_that_forbids_drawing_is_named(variable):
     name, value = variable.split("=")
     done = run(**{name: value})
-    assert "RuntimeError: Pictures are drawn through EGL, which failed" in done.stderr.splitlines()[-1]
+    assert "DrawingError: Pictures are drawn through EGL, which failed" in done.stderr.splitlines()[-1]
     assert f"Unset {variable} and start again." in done.stderr and "apt install" not in done.stderr
     assert "Exception ignored" not in done.stderr
+
+
+def test_a_command_says_so_in_a_line(tmp_path):
+    command = [sys.executable, "-m", "benchmark.record", "demonstration=0", f"output_dir={tmp_path}"]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYOPENGL_PLATFORM": "osmesa"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith("error: Pictures are drawn through EGL")
 
 
 def test_gymnasium_records_a_video(tmp_path):

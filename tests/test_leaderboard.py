@@ -234,7 +234,9 @@ def test_two_policies_of_one_name_are_not_mixed(transfer_episodes):
         leaderboard(rows, STRICT)
 
 
-def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(transfer_episodes, tmp_path, monkeypatch):
+def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(
+    transfer_episodes, tmp_path, monkeypatch, capsys
+):
     shipped_ones = {"robust": OURS, "clean": {"hash of seed44-1"}}
     monkeypatch.setattr(known_policies, "shipped", lambda recipe, _: shipped_ones[recipe])
     config = dataclasses.replace(LeaderboardConfig(), output_dir=str(tmp_path))
@@ -249,6 +251,8 @@ def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(transf
     earlier = transfer_episodes.query("episode_seed < 100_000")
     write_part(tmp_path / "validation", earlier.assign(length=999))  # It cannot be, but is not published either.
     main(config)
+    said = capsys.readouterr()
+    assert "LEADERBOARD.md" in said.out and all(f"Rows of protocol {x.name}" in said.err for x in PROTOCOLS)
     text = (tmp_path / "LEADERBOARD.md").read_text()
     assert "pull-back (entry)" in text and "## Protocol `paper`" in text and "## Protocol `strict`" in text
     first = (tmp_path / "leaderboard.html").read_text()

@@ -24,7 +24,7 @@ from benchmark.settings.setting import (
     settings_of,
 )
 from benchmark.settings.typed import typed
-from richmap.outputs import CacheError
+from richmap.outputs import CacheError, DrawingError
 
 __all__ = ["CONF", "SettingError", "check_setting", "file_groups", "register", "run_command", "typed"]
 
@@ -86,7 +86,7 @@ def run_command[Config](
         sys.stdout.flush()
     except BrokenPipeError:  # Whoever read what is printed, such as `head`, has seen enough.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except (SettingError, CacheError) as error:
+    except (SettingError, CacheError, DrawingError) as error:
         _refuse(error)
     except HydraException as error:
         _refuse(_in_our_words(error))

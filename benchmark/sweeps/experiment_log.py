@@ -37,6 +37,9 @@ def log_run(config: RunConfig, rollouts: "Sequence[Rollout]", tables: "Sequence[
                 log_evaluation(config, rollout, rows, config.output_dir)
     with unharmed():
         log_curves(rollouts[0].task, config.wandb, tables, config.output_dir)
+    if config.wandb.mode == "offline":
+        runs = Path(config.wandb.folder, "wandb", "offline-run-*")
+        print(f"W&B: the runs are kept on disk. To upload them: wandb sync {runs}")
 
 
 def log_field(config: RunConfig, rollout: "Rollout", group: str) -> None:

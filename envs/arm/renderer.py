@@ -9,6 +9,8 @@ import mujoco
 import numpy as np
 from jaxtyping import UInt8
 
+from richmap.outputs import DrawingError
+
 WIDTH, HEIGHT = 480, 360
 """Of a picture, in pixels, unless another size is asked for."""
 LARGEST = 2048
@@ -29,7 +31,7 @@ class Renderer:
         height: Likewise.
 
     Raises:
-        RuntimeError: If nothing can be drawn here.
+        DrawingError: If nothing can be drawn here.
     """
 
     _buffers: mujoco.MjrContext | None = None
@@ -96,7 +98,7 @@ def _egl_context(width: int, height: int) -> Any:
     """A context of EGL's.
 
     Raises:
-        RuntimeError: If there is none, with what may be the cause.
+        DrawingError: If there is none, with what may be the cause.
     """
     try:
         from mujoco.egl import GLContext
@@ -106,7 +108,7 @@ def _egl_context(width: int, height: int) -> Any:
 
         context = Context(width, height)
     except Exception as error:  # A missing library shows as ImportError, AttributeError or OpenGL's own errors.
-        raise RuntimeError(_reason(error)) from error
+        raise DrawingError(_reason(error)) from error
     atexit.unregister(_close_all)  # So that it is called before EGL ends, which was registered just now.
     atexit.register(_close_all)
     return context
