@@ -36,7 +36,7 @@ class OriginalTaskConfig:
     first (three policies, bases and three lambdas), second (nine policies, eleven lambdas, at the base that the rule
     takes), table (what is stored)."""
     recipe: str = "clean"
-    """Whose policies: clean (those of the stage policies) or robust (those that ship)."""
+    """Whose policies: clean (nine, of the stage policies) or robust (the three that ship)."""
     arms: list[str] = field(default_factory=lambda: list(PAPER))
     """Arms that are rolled out, in this order."""
     bases: list[float] = field(default_factory=lambda: list(FIRST_X))
@@ -102,7 +102,7 @@ def train_policies(config: OriginalTaskConfig) -> None:
 
 
 def policies(config: OriginalTaskConfig, last: bool) -> list[Path]:
-    """Folders of the nine policies of the recipe, or of the three that represent their training seeds.
+    """Folders of the recipe's policies, or of one for each training seed; of the robust ones no more ship.
 
     Raises:
         SettingError: If they are not there.
@@ -111,7 +111,7 @@ def policies(config: OriginalTaskConfig, last: bool) -> list[Path]:
     from benchmark.studies.original_task.demonstrations import SEEDS, STEPS
 
     if config.recipe == "robust":
-        return [checkpoint_folder(seed, rank) for seed in SEEDS for rank in ((1,) if last else (1, 2, 3))]
+        return [checkpoint_folder(seed, 1) for seed in SEEDS]
     steps = STEPS[-1:] if last else STEPS
     folders = [config.folder / "policies" / f"seed{seed}-step{step}" for seed in SEEDS for step in steps]
     if lacking := [folder for folder in folders if not folder.is_dir()]:
