@@ -13,6 +13,7 @@ from benchmark.settings.config import ArmConfig, ConditionConfig, OracleConfig, 
 from benchmark.settings.scenes import PAPER, SEALED, TABLES, VALIDATION
 from benchmark.settings.setting import SettingError
 from benchmark.settings.suite import SUITES, suite_conditions, suite_runs
+from benchmark.studies.suite_candidates import verdict
 from envs.block_push.task import BLOCK_PUSH
 from tests.made_up_episodes import CONDITION, episode
 
@@ -140,3 +141,11 @@ def test_rows_find_their_condition():
 def test_a_ceiling_knows_its_scenes():
     found = Ceiling((1, 2, 3), ("a", "b"), ("110", "010"), {})
     assert found.on([2, 3]).values.tolist() == [1, 0, 1, 0] and found.on([2, 9]).episodes.tolist() == [2, 2]
+
+
+@pytest.mark.parametrize(
+    "direct, top, said",
+    [(0.5, 0.9, "head-room"), (0.9, 0.96, ""), (0.2, 0.9, ""), (0.6, 0.7, ""), (0.99, 1.0, "saturated")],
+)
+def test_the_rule_by_which_conditions_are_chosen(direct, top, said):
+    assert verdict(direct, top) == said
