@@ -56,9 +56,9 @@ class EnterConfig:
     protocol (500 episodes of the best policy of each seed), or original by the paper's (50 of three of each)."""
     episodes: int | None = None
     """Number of episodes per arm, setting and policy; null for the protocol's."""
-    seed_start: int = FIRST_TEST_SEED
-    """Seed of the first episode. From 100000 on are test episodes, by which nothing is chosen: tune on those from 50000
-    on, the validation episodes."""
+    seed_start: int | None = None
+    """Seed of the first episode; null for the protocol's. From 100000 on are test episodes, by which nothing is chosen:
+    tune on those from 50000 on, the validation episodes."""
     scale: list[float] = field(default_factory=list)
     """Scales to try instead of the one in entry.yaml, as in scale=[0.25,0.5], on validation episodes alone; empty for
     that one."""
@@ -85,15 +85,22 @@ class EnterConfig:
         fits = any({*self.settings} <= {*protocol.settings} for protocol in protocols)
         check_setting(bool(self.settings) and fits, "settings", self.settings, allowed)
         self.episodes = self.protocol.episodes if self.episodes is None else self.episodes
+        self.seed_start = self.protocol.scenes.start if self.seed_start is None else self.seed_start
         self.batch_size = self.protocol.batch_size if self.batch_size is None else self.batch_size
         check_setting(bool(self.seeds), "seeds", self.seeds, "one or more whole numbers")
-        tuned = not self.scale or self.seed_start < FIRST_TEST_SEED
+        tuned = not self.scale or self.scenes.start < FIRST_TEST_SEED
         check_setting(tuned, "scale", self.scale, "none on test episodes; try scales with seed_start=50000")
         for name in ("robots", "settings", "seeds", "scale"):
             given = getattr(self, name)
             check_setting(len({*given}) == len(given), name, given, "each of them once")
         for robot in self.robots:
             self.run(robot, self.settings[0])
+
+    @property
+    def scenes(self) -> range:
+        """Seeds of the episodes."""
+        assert self.seed_start is not None and self.episodes is not None
+        return range(self.seed_start, self.seed_start + self.episodes)
 
     @property
     def protocol(self) -> Protocol:
@@ -151,13 +158,14 @@ def direct_transfer(config: EnterConfig, runs: "Sequence[RunConfig]", console: "
         return pd.DataFrame()
     checkpoints = [checkpoint_folder(seed) for seed in config.seeds]
     rollouts = [make_rollout(run, 0.0, path, console) for run in runs for path in checkpoints]
-    if config.seed_start < FIRST_TEST_SEED:
+    if config.scenes.start < FIRST_TEST_SEED:
         run = replace(runs[0], output_dir=str(Path(config.output_dir, "direct")))
         return pd.concat(run_and_store_all(rollouts, run, "direct transfer", console))
     published = read_tables(RESULTS / "methods", rollouts[0].task.name)
-    seeds = range(config.seed_start, config.seed_start + runs[0].episodes)
     tables = [episodes_of(published, rollout.condition) for rollout in rollouts]
-    return pd.concat([table[table.episode_seed.isin(seeds)] for table in tables if len(table)] or [published[:0]])
+    return pd.concat(
+        [table[table.episode_seed.isin(config.scenes)] for table in tables if len(table)] or [published[:0]]
+    )
 
 
 def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, console: "Console") -> "pd.DataFrame":
@@ -217,8 +225,7 @@ def check(config: EnterConfig, rollouts: "Sequence[Rollout]", console: "Console"
     from benchmark.rollouts.rollout import roll_out_all
 
     table = read_checked(Path(config.table), rollouts[0].task)
-    assert config.episodes is not None
-    refused = list(refusals(table, rollouts, range(config.seed_start, config.seed_start + config.episodes)))
+    refused = list(refusals(table, rollouts, config.scenes))
     if not refused:
         chance = np.random.default_rng()  # The operating system's: the entry's code could seed NumPy's own.
         sample = table if config.replays is None else table.sample(min(config.replays, len(table)), random_state=chance)

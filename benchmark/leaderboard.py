@@ -57,7 +57,7 @@ def main(config: LeaderboardConfig) -> None:
             rows = counted(episodes, protocol, ours)
             if len(rows):
                 track = partial(progress.track, description=f"Rows of protocol {protocol.name}")
-                tables[protocol] = with_oracles(leaderboard(rows, protocol, task, track), episodes, task)
+                tables[protocol] = with_oracles(leaderboard(rows, protocol, task, track), episodes, protocol, task)
     if not tables:
         raise SettingError(
             f"There are no test episodes (seeds from {FIRST_TEST_SEED}) of a protocol that count, in any "

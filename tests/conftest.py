@@ -100,9 +100,9 @@ def transfer_episodes():
     for robot, rate in (("ur3", 0.6), ("ur5", 0.9)):
         for method, scale in (("direct", 0.0), ("paper", 2.0), ("projection", 0.01)):
             table += rows(
-                robot, "embodied", method, scale, rate + 10 * scale * (scale < 1), models, range(100_045, 100_055)
+                robot, "embodied", method, scale, rate + 10 * scale * (scale < 1), models, range(150_045, 150_055)
             )
-    table += rows("ur3", "embodied", "pull-back", 1.0, 0.7, best, range(100_045, 100_055), "e" * 64)
+    table += rows("ur3", "embodied", "pull-back", 1.0, 0.7, best, range(150_045, 150_055), "e" * 64)
     return as_frame(table, EpisodeOutcome)
 
 

@@ -36,7 +36,7 @@ pytestmark = pytest.mark.system
 
 PAPER, STRICT = protocols_of(BLOCK_PUSH)
 ROOT = Path(__file__).parents[1]
-SEEDS = [100_000, 100_001, 100_002]
+SEEDS = [150_000, 150_001, 150_002]
 
 
 def write_entry(folder, **values):
@@ -148,7 +148,7 @@ def edit(number, **values):
         (
             edit(1, episode_seed=50_001, slot=50_001 % 3, mode=draw_scene(50_001).mode),
             [
-                r"row 0 \(xarm6, .*, mine 1.0, seed42-1, episode 50001\): its seed is none of the protocol's, 100000",
+                r"row 0 \(xarm6, .*, mine 1.0, seed42-1, episode 50001\): its seed is none of the protocol's, 150000",
                 r"xarm6, embodied, mine 1.0, seed42-1, episode 100001 is missing",
             ],
         ),
@@ -158,7 +158,7 @@ def edit(number, **values):
             [r"row 0 .*setting is original, not embodied"],
         ),
         (edit(0, entry_hash="0123"), [r"row 0 .*entry_hash is 0123, not "]),
-        (lambda rows: rows[1:], [r"episode 100000 is missing"]),
+        (lambda rows: rows[1:], [r"episode 150000 is missing"]),
     ],
 )
 def test_rows_that_are_not_the_protocols_are_refused_by_name(entry, entered, tmp_path, capsys, change, reasons):
@@ -171,7 +171,7 @@ def test_rows_that_are_not_the_protocols_are_refused_by_name(entry, entered, tmp
 
 
 def test_two_rows_of_one_episode_that_say_different_things_are_refused(entry, entered, tmp_path):
-    file = sent(entered, tmp_path, edit(1, episode_seed=100_000, slot=100_000 % 3, length=99))
+    file = sent(entered, tmp_path, edit(1, episode_seed=150_000, slot=150_000 % 3, length=99))
     with pytest.raises(SettingError, match="of one episode .* and say different things"):
         enter.main(settings(entry, tmp_path, table=file))
 

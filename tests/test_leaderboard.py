@@ -24,7 +24,6 @@ from benchmark.scoring.statistics import holm, paired_p_value
 from benchmark.settings.command import CONF, SettingError
 from benchmark.settings.config import PAPER_ARMS, RunConfig
 from benchmark.settings.recipe import RECIPES, USUAL, recipe_folder
-from benchmark.settings.scenes import FIRST_TEST_SEED
 from envs.block_push.arm import block_push_arm
 from envs.block_push.task import BLOCK_PUSH
 
@@ -32,7 +31,7 @@ pytestmark = pytest.mark.system
 
 PAPER, STRICT = PROTOCOLS = protocols_of(BLOCK_PUSH)
 leaderboard = partial(ranking.leaderboard, task=BLOCK_PUSH)
-with_oracles = partial(oracle_scores.with_oracles, task=BLOCK_PUSH)
+with_oracles = partial(oracle_scores.with_oracles, protocol=STRICT, task=BLOCK_PUSH)
 markdown = partial(leaderboard_text.markdown, BLOCK_PUSH)
 OURS = {f"hash of seed{seed}" for seed in ("42-1", "42-2", "43-1", "44-1")}
 
@@ -49,12 +48,12 @@ def mean(values):
 
 def recounted(episodes, row, protocol):
     """The rows behind a row of the leaderboard, by plain Python, by policy and episode."""
-    last = 100_050 if protocol is PAPER else 100_500
+    first, last = (100_000, 100_050) if protocol is PAPER else (150_000, 150_100)
     found = {}
     for one in episodes.to_dict("records"):
         same = all(one[name] == row[name] for name in ("robot", "setting", "method", "lambda"))
         shown = protocol is PAPER or one["checkpoint"].endswith("-1")
-        if same and shown and 100_000 <= one["episode_seed"] < last:
+        if same and shown and first <= one["episode_seed"] < last:
             found[one["checkpoint"], one["episode_seed"]] = one
     return found
 
@@ -146,11 +145,11 @@ def test_an_oracle_belongs_to_an_arm_only_if_it_stood_alike(transfer_episodes, b
     policy = transfer_episodes.query("robot == 'ur3' and setting == 'embodied' and method == 'projection'")
     ceiling = policy.assign(method="aware_oracle", checkpoint_hash="", checkpoint="")
     table = with_oracles(boards[STRICT], pd.concat([transfer_episodes, ceiling])).set_index("robot")
-    assert table.reference.isna().all() and table.ceiling["ur5"].isna().all()
-    assert {x["p2"] for x in table.ceiling["ur3"]} == {policy.p2.mean()}
-    assert {x["n"] for x in table.ceiling["ur3"]} == {len(policy)}
+    assert table.reference.isna().all() and table.planner["ur5"].isna().all()
+    assert {x["p2"] for x in table.planner["ur3"]} == {policy.p2.mean()}
+    assert {x["n"] for x in table.planner["ur3"]} == {len(policy)}
     for otherwise in ({"base_x": 0.1}, {"orientation_weight": 0.01}, {"episode_version": 0}):
-        assert with_oracles(boards[STRICT], ceiling.assign(**otherwise)).ceiling.isna().all(), otherwise
+        assert with_oracles(boards[STRICT], ceiling.assign(**otherwise)).planner.isna().all(), otherwise
 
 
 def test_an_oracle_is_no_method_that_is_ranked(transfer_episodes):
@@ -173,9 +172,9 @@ def test_other_batches_and_other_peoples_policies_do_not_count(transfer_episodes
 
 def test_an_entry_that_lacks_some_of_our_policies_or_episodes_is_incomplete_and_comes_last(transfer_episodes):
     direct = transfer_episodes.query("robot == 'ur3' and setting == 'embodied' and method == 'direct'").head(1)
-    rows = pd.concat([direct] * 1500).assign(p2=False, score=0.0, entry_hash="")
-    rows["episode_seed"] = [seed for seed in range(100_000, 100_500) for _ in range(3)]
-    rows["checkpoint"] = ["seed42-1", "seed43-1", "seed44-1"] * 500
+    rows = pd.concat([direct] * 300).assign(p2=False, score=0.0, entry_hash="")
+    rows["episode_seed"] = [seed for seed in range(150_000, 150_100) for _ in range(3)]
+    rows["checkpoint"] = ["seed42-1", "seed43-1", "seed44-1"] * 100
     rows["checkpoint_hash"] = "hash of " + rows.checkpoint
     entry = rows.assign(method="mine", entry_hash="e", p2=True, score=1.0)
     for lacking, complete in {
@@ -273,7 +272,7 @@ def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(
 @pytest.mark.parametrize("protocol", PROTOCOLS, ids=lambda protocol: protocol.name)
 def test_what_is_run_by_a_protocol_is_what_counts(protocol):
     given = OmegaConf.load(CONF / "protocol" / f"{protocol.name}.yaml")
-    assert given.episodes == protocol.episodes and given.seed_start == FIRST_TEST_SEED
+    assert given.episodes == protocol.episodes and given.seed_start == protocol.scenes.start
     assert given.setting in protocol.settings and given.get("batch_size", RunConfig().batch_size) == protocol.batch_size
 
 
@@ -329,13 +328,15 @@ def test_what_is_published_is_what_the_published_rows_say(recipe):
     rows = read_tables(root, BLOCK_PUSH.name)[needed]
     if recipe != USUAL:
         rows = rows[rows.entry_hash == ""]
+    if counted(rows, STRICT, shipped(recipe)).empty:
+        pytest.skip("The tables of the present scenes are yet to be made: python -m benchmark.run experiment=tables")
     board = recipe_folder(root, recipe) / "LEADERBOARD.md"
     sections = board.read_text().split("## Protocol `strict`")[1].split("\n### ")
     checked = 0
     for _, group in counted(rows, STRICT, shipped(recipe)).groupby(columns):
         row = group.iloc[0]
         (section,) = [part for part in sections if part.startswith(f"{row.robot}, {setting_text(row)}\n")]
-        star = "" if len(group) == 1500 else r"\*"
+        star = "" if len(group) == 300 else r"\*"
         entry = r" \(entry\)" if row.entry_hash else ""
         line = (
             rf"\| {row.method}{entry},.*\| {row['lambda']:g} +\| {len(group)}{star} +\| {100 * group.p2.mean():.1f} \["

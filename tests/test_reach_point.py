@@ -39,7 +39,7 @@ def settings(policy, output_dir, **values):
     values = {
         "robot": RobotConfig("ur3"),
         "episodes": 10,
-        "seed_start": 100_000,
+        "seed_start": 150_000,
         "batch_size": 4,
         "device": "cpu",
         "workers": 1,
@@ -59,7 +59,7 @@ def stored(policies, tmp_path_factory):
     for robot in ("xarm6", "ur3"):
         for policy in policies:
             rolled_out(settings(policy, folder, robot=RobotConfig(robot), episodes=20, batch_size=50))
-        oracle.main(OracleConfig(RobotConfig(robot), task=TASK, episodes=20, seed_start=100_000, workers=1,
+        oracle.main(OracleConfig(RobotConfig(robot), task=TASK, episodes=20, seed_start=150_000, workers=1,
                                  output_dir=str(folder / "oracle")))  # fmt: skip
     return folder
 
@@ -89,7 +89,7 @@ def test_rows_hold_the_tasks_own_columns(policies, tmp_path):
 def test_what_is_stored_is_not_played_again(policies, tmp_path, monkeypatch):
     rolled_out(settings(policies[0], tmp_path, episodes=6))
     before = read_episodes(tmp_path)
-    assert sorted(rolled_out(settings(policies[0], tmp_path)).episode_seed) == [*range(100_000, 100_010)]
+    assert sorted(rolled_out(settings(policies[0], tmp_path)).episode_seed) == [*range(150_000, 150_010)]
     monkeypatch.setattr("benchmark.rollouts.rollout.play", None)  # Nothing that it could play with.
     assert len(rolled_out(settings(policies[0], tmp_path))) == 10
     kept = read_episodes(tmp_path).set_index("episode_seed").loc[before.episode_seed]

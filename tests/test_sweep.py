@@ -82,7 +82,7 @@ def test_the_transfer_table_is_nine_models_on_four_arms():
 def test_the_methods_are_compared_by_the_strict_protocol():
     assert count("experiment=methods") == 2 * 3 * 4 * len(METHODS)
     (one,) = jobs("experiment=methods", "setting=best", "seed=44", "robot=ur10", "method=projection")
-    assert (one.episodes, one.seed_start, one.checkpoint, one.guidance_scale) == (500, 100_000, 1, None)
+    assert (one.episodes, one.seed_start, one.checkpoint, one.guidance_scale) == (100, 150_000, 1, None)
 
 
 def test_the_command_line_narrows_an_experiment():

@@ -54,7 +54,7 @@ def page(task: "Task", tables: "dict[Protocol, pd.DataFrame]", figures: Path, re
         "mechanism": {"order_changed": "order changed"} | {trait.name: trait.title for trait in task.traits},
         "published": {robot: asdict(published) for robot, published in TABLE_3.items()},
         "pictures": pictures(figures),
-        "about": f"{sum(row['n'] for row in rows):,} episodes on test seeds from 100000 on; episode version "
+        "about": f"{sum(row['n'] for row in rows):,} episodes on test scenes; episode version "
         f"{', '.join(map(str, versions))}; commit {', '.join(commits)}. "
         + policies_text(task, recipe).replace("- **Policies**", "Policies"),
     }

@@ -24,8 +24,7 @@ pictures: [`leaderboard.html`](leaderboard.html).
 {policies}
 """
 
-HOW_TO_READ = """- **Episodes**: test seeds from 100000 on, by which nothing was chosen; the same for all arms, methods
-  and scales.
+HOW_TO_READ = """- **Episodes**: the scenes of a protocol (docs/protocol.md), the same for all arms, methods and scales.
 - **Scores**, in percent: {scores}.
 - **[ ]** are 95 % intervals for other trainings and other episodes: a bootstrap of training seeds crossed with episode
   seeds (Owen & Eckles 2012; all draws at once, in closed form), with Student's t since trainings are few. With one
@@ -36,8 +35,8 @@ HOW_TO_READ = """- **Episodes**: test seeds from 100000 on, by which nothing was
   flips of the sign of whole episodes, which for one training and a rate is the exact McNemar test; *Holm* is adjusted,
   each score by itself, for all arms, methods and scales of the protocol's setting that are whole (no *); an entry's
   for these and its own.
-- **Reference** and **ceiling** are the scripted oracle that knows nothing of the arm and the one that does, on test
-  seeds, by the same code. A policy may beat either.
+- **Reference** and **planner** are the scripted oracle that knows nothing of the arm and the one that does, on the
+  same scenes, by the same code. A policy may beat either; ceilings are those of suites (docs/protocol.md).
 - **Failed by cause**: an episode failed if it never had {success}. What was undone later has no cause.
 - **n** counts episodes, of all policies; * marks a row that lacks policies or episodes of the protocol, or some of
   direct transfer's that it is compared with, and so comes last. *(entry)*: evaluated by `benchmark.enter`. A dash: not
@@ -50,8 +49,8 @@ HOW_TO_READ = """- **Episodes**: test seeds from 100000 on, by which nothing was
 """
 
 PROTOCOL_TEXTS = {
-    "paper": "Setting `original` (just the arm swapped). First 50 test seeds, three policies of each training seed.",
-    "strict": "Settings `embodied` and `best`. First 500 test seeds, the best checkpoint of each training seed.",
+    "paper": "Setting `original` (just the arm swapped). The paper's 50 scenes, three policies of each training seed.",
+    "strict": "Settings `embodied` and `best`. The 100 scenes for tables, the best checkpoint of each training seed.",
 }
 
 PAPER_TEXT = """Score, mean over nine policies (* over fewer), and their least and most. Which λ the paper's guided
@@ -147,7 +146,7 @@ def arm_text(rows: pd.DataFrame, task: Task) -> str:
     first = rows.iloc[0]
     may_bind = {"self-collision": first.self_collision, "joint limits": first.joint_limits}
     binding = " and ".join(name for name, binds in may_bind.items() if binds) or "nothing"
-    oracles = [f"{role}: {oracle_text(first[role], task.ranking[0])}" for role in ("reference", "ceiling")]
+    oracles = [f"{role}: {oracle_text(first[role], task.ranking[0])}" for role in ("reference", "planner")]
     return (
         f"Base {base_text(first)} m, {branch_text(first)}, {binding} binding; version {first.episode_version}, "
         f"commit {', '.join(sorted({*chain(*rows.commits)}))}. "

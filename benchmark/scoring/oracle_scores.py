@@ -1,35 +1,32 @@
-"""What the scripted oracles reach on an arm: the reference (plain) and the ceiling (aware) of its policies."""
+"""What the scripted oracles reach on an arm: the reference (plain) and the planner (aware)."""
 
 import pandas as pd
 
 from benchmark.episodes.arm import ARM
-from benchmark.scoring.ranking import PROTOCOLS
+from benchmark.scoring.ranking import Protocol
 from benchmark.scoring.statistics import rate_interval
 from benchmark.settings.config import ORACLE_METHODS
-from benchmark.settings.scenes import FIRST_TEST_SEED
 from envs.task import Task
 
-ROLES = {"reference": "plain", "ceiling": "aware"}
-
-SEEDS = range(FIRST_TEST_SEED, FIRST_TEST_SEED + max(protocol.episodes for protocol in PROTOCOLS))
-"""Episodes of the oracles that count, whatever else was played."""
+ROLES = {"reference": "plain", "planner": "aware"}
 
 KEY = [*ARM, "episode_version"]
 """Columns in which an oracle's episodes agree with the policies' that they stand beside."""
 
 
-def with_oracles(table: pd.DataFrame, episodes: pd.DataFrame, task: Task) -> pd.DataFrame:
-    """A leaderboard with the columns `reference` and `ceiling`: n, first seed and scores, or None if not played.
+def with_oracles(table: pd.DataFrame, episodes: pd.DataFrame, protocol: Protocol, task: Task) -> pd.DataFrame:
+    """A leaderboard with the columns `reference` and `planner`: n, first seed and scores, or None if not played.
 
     Args:
         table: The leaderboard.
         episodes: Rows of all methods. An oracle's arm must be the policy's in all columns that describe it, and the
-            episode version must be the same. Those of `SEEDS` count.
+            episode version must be the same. Those of the protocol's scenes count.
+        protocol: Whose scenes count.
         task: What they are of.
     """
     if episodes.empty:
         return table.assign(**dict.fromkeys(ROLES))
-    episodes = episodes[episodes.episode_seed.isin(SEEDS)]
+    episodes = episodes[episodes.episode_seed.isin(protocol.scenes)]
     arms = [tuple(arm) for arm in table[KEY].itertuples(index=False)]
     for role, oracle in ROLES.items():
         played = _by_arm(episodes[episodes.method == ORACLE_METHODS[oracle]], task)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmark.episodes.arm import ARM, changes, usual_rows
+from benchmark.settings import scenes
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig, in_tables
-from benchmark.settings.scenes import FIRST_TEST_SEED
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,8 +26,8 @@ class Protocol:
 
     name: str
     settings: tuple[str, ...]
-    episodes: int
-    """Of each policy, from the first test seed on."""
+    scenes: range
+    """Seeds of the scenes, the same for each policy."""
     batch_size: int
     """Rows of the batches in which policies are evaluated: other batches round otherwise."""
     policies: int
@@ -39,9 +39,14 @@ class Protocol:
     task: str = ""
     """The only one that it is for; empty for all."""
 
+    @property
+    def episodes(self) -> int:
+        """Of each policy."""
+        return len(self.scenes)
 
-PAPER = Protocol("paper", ("original",), 50, 10, 9, ("score", "p2"), best_only=False, task="block_push")
-STRICT = Protocol("strict", ("embodied", "best"), 500, 50, 3, (), best_only=True)
+
+PAPER = Protocol("paper", ("original",), scenes.PAPER, 10, 9, ("score", "p2"), best_only=False, task="block_push")
+STRICT = Protocol("strict", ("embodied", "best"), scenes.TABLES, 50, 3, (), best_only=True)
 PROTOCOLS = (PAPER, STRICT)
 
 
@@ -65,8 +70,7 @@ def counted(episodes: "pd.DataFrame", protocol: Protocol, ours: set[str]) -> "pd
     or of an entry. Other people's policies count as entries."""
     if episodes.empty:
         return episodes
-    seeds = range(FIRST_TEST_SEED, FIRST_TEST_SEED + protocol.episodes)
-    counts = episodes.setting.isin(protocol.settings) & episodes.episode_seed.isin(seeds)
+    counts = episodes.setting.isin(protocol.settings) & episodes.episode_seed.isin(protocol.scenes)
     counts &= episodes.batch_size == protocol.batch_size
     of_ours = episodes.checkpoint_hash.isin(ours)
     if protocol.best_only:

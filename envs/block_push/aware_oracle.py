@@ -29,7 +29,8 @@ class AwareOracle:
 
     Of the four plans it takes the scene's if the plain oracle can follow it on this arm, else one that it can, else the
     one with the least to be done otherwise. Where the plain oracle asks for a point that the arm cannot take, it pushes
-    by foresight until the plain one can go on.
+    by foresight until the plain one can go on. Where no push is foreseen to help, it tries the plans that are left, and
+    when there is none it does as the plain oracle would, wherever that leads: the table is a raster that errs at edges.
 
     Acts on the 16-D observation (`envs.block_push.environment`).
 
@@ -46,7 +47,8 @@ class AwareOracle:
         """Start a new episode with this plan (`info["mode"]` of the environment's reset)."""
         self._mode = mode
         self._plain: Oracle | None = None
-        self._own = False
+        self._left: list[int] = []
+        self._own, self._blindly = False, False
         self._push = AwarePusher(self._table)
 
     def __call__(self, observation: Float[np.ndarray, "16"]) -> Float[np.ndarray, "2"]:
@@ -63,9 +65,12 @@ class AwareOracle:
         targets = state[TARGETS].reshape(2, 3)[:, :2]
         if self._plain is None:
             self._ways = [BlockWays(self._table, target) for target in targets]
-            self._plain = Oracle(self._plan(blocks, targets))
+            self._left = self._plans(blocks, targets)
+            self._plain = Oracle(self._left.pop(0))
         plain = self._plain
         goal = pusher + plain(state)
+        if self._blindly:
+            return goal
         if plain.phase == "return" and not self._table.allows(plain.goal[None])[0]:
             plain.phase = "origin"
             goal = pusher + plain(state)
@@ -79,18 +84,24 @@ class AwareOracle:
             self._own = True
             self._push.start_over()
         if self._own:
-            return self._push(pusher, blocks[block], blocks[1 - block, :2], self._ways[target])
+            pushed = self._push(pusher, blocks[block], blocks[1 - block, :2], self._ways[target])
+            if not self._push.at_a_loss:
+                return pushed
+            self._own = False
+            if plain.pair == plain.plan[0] and self._left:
+                self._plain = Oracle(self._left.pop(0))
+            else:
+                self._blindly, plain.phase = True, "pre_block"
+            return self._next(state)
         if plain.phase in ("return", "origin", "pre_block") and not is_free(
             self._table, pusher, plain.goal, blocks[:, :2]
         ):
             return towards(pusher, next_point(self._table, pusher, plain.goal, blocks[:, :2]), STEP[plain.phase])
         return goal
 
-    def _plan(self, blocks: Float[np.ndarray, "2 3"], targets: Float[np.ndarray, "2 2"]) -> int:
-        """The scene's plan if the plain oracle can follow it here, else another, else the least hard one."""
+    def _plans(self, blocks: Float[np.ndarray, "2 3"], targets: Float[np.ndarray, "2 2"]) -> list[int]:
+        """The scene's plan first if the plain oracle can follow it here, then another such, then the least hard one."""
         plainly = np.array([[self._plainly(block, target) for target in targets] for block in blocks])
-        if all(plainly[pair] for pair in PLANS[self._mode]):
-            return self._mode
         left = np.stack([way.left(blocks) for way in self._ways], 1)  # (block, target)
         hard = np.where(plainly, 0.0, left)
 
@@ -98,7 +109,11 @@ class AwareOracle:
             first, second = PLANS[mode]
             return hard[first] + hard[second], hard[first], mode != self._mode
 
-        return min(range(len(PLANS)), key=hardness)
+        plans = sorted(range(len(PLANS)), key=hardness)
+        if all(plainly[pair] for pair in PLANS[self._mode]):
+            plans.remove(self._mode)
+            plans.insert(0, self._mode)
+        return plans
 
     def _plainly(self, block: Float[np.ndarray, "3"], target: Float[np.ndarray, "2"]) -> bool:
         """Whether the arm can be wherever the plain oracle would go to push this block into this target."""

@@ -53,6 +53,11 @@ class AwarePusher:
         self._promised = 0.0
         self._hopeless: np.ndarray | None = None
 
+    @property
+    def at_a_loss(self) -> bool:
+        """Whether no push of the block, as it lies, was found to help."""
+        return self._hopeless is not None
+
     def __call__(
         self,
         pusher: Float[np.ndarray, "2"],
