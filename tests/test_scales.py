@@ -4,14 +4,15 @@ import numpy as np
 import pandas as pd
 import pytest
 from PIL import Image
-from rich.console import Console
 
-from benchmark import scales
+from benchmark import choose_scales, scales
 from benchmark.rollouts import arm_oracle, rollout
 from benchmark.scoring.scale_table import scale_table
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import RobotConfig
-from benchmark.sweeps.chosen_scale import read_methods, rollouts_of
+from benchmark.settings.suite import suite_conditions
+from benchmark.sweeps import scale_choice
+from benchmark.sweeps.chosen_scale import read_methods, read_scales, scales_file
 from benchmark.sweeps.scale_sweep import ScalesConfig
 from envs.block_push.task import BLOCK_PUSH
 from policies.methods import GUIDED, METHODS
@@ -82,7 +83,8 @@ def simulated(monkeypatch):
         for job, seeds in jobs:
             push = job.condition.guidance_scale
             ran.extend((job.condition.method, push, seed) for seed in seeds)
-            yield [episode(seed, p2=push < 0.1, condition=job.condition) for seed in seeds]
+            if seeds:
+                yield [episode(seed, p2=push < 0.1, condition=job.condition) for seed in seeds]
 
     monkeypatch.setattr(rollout, "roll_out_all", roll_out_all)
     monkeypatch.setattr(arm_oracle, "demonstrated_path", lambda *_: path)
@@ -119,18 +121,30 @@ def test_what_is_stored_is_not_run_again(simulated, tmp_path):
     assert simulated == [(method, scale, 50_004) for method, scale in dict.fromkeys(run[:2] for run in before)]
 
 
-def test_damaged_episodes_choose_no_scale_and_are_not_gone_on_with(simulated, tmp_path):
+def test_damaged_episodes_are_not_gone_on_with(simulated, tmp_path):
     config = settings(tmp_path, methods=["towards"], points=2)
     scales.main(config)
     part = next((config.folder / "towards" / "episodes").iterdir())
     part.write_bytes(part.read_bytes()[:-9])
-    run = dataclasses.replace(config.run(42), method="towards", guidance_scale=None, scales_dir=str(tmp_path))
-    for gone_on in (
-        lambda: rollouts_of(run, Console(quiet=True)),
-        lambda: scales.main(settings(tmp_path, methods=["towards"], episodes=5)),
-    ):
-        with pytest.raises(SettingError, match="towards/episodes/.* is damaged"):
-            gone_on()
+    with pytest.raises(SettingError, match="towards/episodes/.* is damaged"):
+        scales.main(settings(tmp_path, methods=["towards"], episodes=5))
+
+
+def test_a_scale_is_chosen_over_all_conditions_within_the_budget(simulated, tmp_path, monkeypatch):
+    few = {name: suite_conditions("push-v1")[name] for name in ("ur3-near-2cm", "ur10-out")}
+    monkeypatch.setattr(scale_choice, "suite_conditions", lambda name: few)
+    monkeypatch.setattr(scale_choice, "BUDGET", 40)
+    given = {"methods": ["towards"], "seeds": [42], "scales_dir": str(tmp_path), "output_dir": str(tmp_path / "rows")}
+    config = scale_choice.ChooseScalesConfig(**given)
+    choose_scales.main(config)
+    assert config.episodes == 2 and {seed for _, _, seed in simulated} == {51_000, 51_001}
+    assert len(simulated) <= 40 and {run[:2] for run in simulated} >= {("direct", 0.0), ("towards", 0.1)}
+    chosen = read_scales(scales_file(str(tmp_path), BLOCK_PUSH))["towards"]
+    assert chosen["scale"] == 0 and chosen["tried"][0.05] == 1 and chosen["tried"][0.1] == 0  # Nothing gains: off.
+    before = len(simulated)
+    choose_scales.main(scale_choice.ChooseScalesConfig(**given | {"methods": ["away"]}))
+    assert not [run for run in simulated[before:] if run[0] == "direct"]  # Those of off are shared.
+    assert {*read_scales(scales_file(str(tmp_path), BLOCK_PUSH))} == {"away", "towards"}
 
 
 def test_scales_are_chosen_on_validation_episodes_only():

@@ -1,7 +1,6 @@
 """Sweeps of `benchmark.run` through Hydra's launchers."""
 
 import json
-import math
 import os
 import shutil
 import signal
@@ -9,7 +8,6 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -22,17 +20,15 @@ from rich.console import Console
 
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.artifacts.maps import energy_field
-from benchmark.episodes.table import read_episodes, store_episodes
-from benchmark.rollouts.make_rollout import make_rollout
+from benchmark.episodes.table import read_episodes
 from benchmark.settings import command
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig
+from benchmark.settings.config import EnergyConfig, MapConfig, RobotConfig, RunConfig
 from benchmark.sweeps.chosen_scale import rollouts_of
 from benchmark.sweeps.job import guides_source, job_name
 from benchmark.sweeps.sweep import count_jobs
 from policies.methods import METHODS
 from richmap.robots.robots import load_robot
-from tests.made_up_episodes import episode
 
 pytestmark = pytest.mark.system
 
@@ -105,19 +101,11 @@ def test_two_sweeps_that_start_together_have_folders_of_their_own():
     assert len(folders) == 5
 
 
-def scales(folder, condition):
-    """A table of which the best of three scales is 0.02, by validation episodes; with another field it is 0.04."""
-    method, field = condition.method, condition.field_fingerprint
-    placed = {("direct", 0.0, ""): [0, 0]}
-    placed |= {(method, 0.01, field): [0, 1], (method, 0.02, field): [1, 1], (method, 0.04, field): [1, 0]}
-    placed |= {(method, 0.02, "another"): [0, 1], (method, 0.04, "another"): [1, 1]}
-    every = [(*point, seed, p2) for point, both in placed.items() for seed, p2 in enumerate(both, 50_000)]
-    every.append((method, 0.08, field, 100_000, 1))  # no validation episode
-    for name, scale, fingerprint, seed, p2 in every:
-        cell_size = 0.02 if fingerprint else math.nan
-        of_field = {"field_fingerprint": fingerprint, "cell_size": cell_size}
-        made = replace(condition, method=name, guidance_scale=scale, **of_field)
-        store_episodes(folder / "robust" / "ur3-embodied" / name, [episode(seed, p2=bool(p2), condition=made)])
+def scales(folder, **chosen):
+    """A folder in which these scales were chosen."""
+    folder.mkdir()
+    said = {method: {"scale": scale} for method, scale in chosen.items()}
+    (folder / "block_push.yaml").write_text(yaml.safe_dump(said))
     return str(folder)
 
 
@@ -126,24 +114,15 @@ def with_scale(config):
     return rollouts_of(config, Console(quiet=True))[-1].condition.guidance_scale
 
 
-def test_the_scale_is_the_one_chosen_on_validation_episodes(tmp_path):
+def test_the_scale_is_the_one_chosen_for_the_task(tmp_path):
     config = RunConfig(RobotConfig("ur3"), guidance_scale=None, method="projection", device="cpu")
-    condition = make_rollout(config, 1.0, checkpoint_folder(42), Console()).condition
-    config.scales_dir = scales(tmp_path / "a", condition)
+    config.scales_dir = scales(tmp_path / "a", projection=0.02, reorder=0)
     assert with_scale(config) == 0.02
-    config.method = "direct"
-    assert with_scale(config) == 0
-    for other in ({"recipe": "clean"}, {"arm": ArmConfig(orientation_weight=0.5)}):  # What was chosen for another.
-        with pytest.raises(SettingError, match="has no scale of method=projection"):
-            with_scale(replace(config, method="projection", **other))
+    for off in ("direct", "reorder"):  # "Off" can be chosen too.
+        config.method = off
+        assert with_scale(config) == 0
     config.method = "towards"
-    with pytest.raises(SettingError, match="no scale of method=towards for ur3, embodied. Choose one: python -m bench"):
-        with_scale(config)
-    config.method, config.scales_dir = "projection", scales(tmp_path / "b", replace(condition, episode_version=0))
-    with pytest.raises(SettingError, match="no scale of method=projection for ur3, embodied. Choose"):
-        with_scale(config)
-    config.scales_dir = scales(tmp_path / "c", replace(condition, field_fingerprint="of finer cells"))
-    with pytest.raises(SettingError, match="no scale of method=projection for ur3, embodied with the field of these"):
+    with pytest.raises(SettingError, match=r"no scale of method=towards. Choose one: .*methods=.towards"):
         with_scale(config)
 
 

@@ -251,8 +251,8 @@ class RunConfig:
     task: str = "block_push"
     """What is to be done: block_push, or a task of your own as module:NAME (an `envs.task.Task`; its code is run)."""
     guidance_scale: float | None = field(default=0.0, metadata={"more": said_of_each("scale")})
-    """Scale of the method, any number >= 0; 0 is direct transfer, null the one that benchmark.scales chose for this
-    arm, setting and method on validation episodes."""
+    """Scale of the method, any number >= 0; 0 is direct transfer, null the one that benchmark.choose_scales
+    chose for this method and task, on validation episodes of all conditions of a suite."""
     method: str = field(default="paper", metadata={"more": said_of_each("text")})
     """Guidance, or direct for none; with suite= also plain_oracle or aware_oracle, the scripted ones."""
     suite: str = ""
@@ -282,7 +282,7 @@ class RunConfig:
     arm is swapped in the original task) or best (as embodied, with the base where benchmark.studies.place_bases finds
     the arm to reach the most)."""
     scales_dir: str = "results/scales"
-    """With lambda=null: the folder that benchmark.scales wrote its episodes to."""
+    """With lambda=null: the folder of <task>.yaml, which holds the chosen scale of each method."""
     output_dir: str = "results"
     """Folder that results go to, such as episodes."""
     device: str = "auto"

@@ -1,11 +1,11 @@
 """Chosen scale."""
 
-from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import yaml
 
 from benchmark.episodes.arm import arm_name
-from benchmark.scoring.scale_table import CHOSEN_FOR, scale_table
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig
 from benchmark.settings.scenes import FIRST_TEST_SEED
@@ -41,12 +41,12 @@ def note_on_tuning(config: RunConfig) -> str:
         return ""
     return (
         f"These are test scenes, and lambda={config.guidance_scale:g} is given, not chosen: choose scales on "
-        "validation scenes (benchmark.scales), and take what was chosen by lambda=null."
+        "validation scenes (benchmark.choose_scales), and take what was chosen by lambda=null."
     )
 
 
 def chosen_scale(stage: "Stage") -> float:
-    """The scale of a method that was chosen for an arm and a field, in `config.scales_dir`; 0 for direct transfer.
+    """The one scale of a method that was chosen for its task, in `config.scales_dir`; 0 for direct transfer.
 
     Raises:
         SettingError: If none was.
@@ -54,32 +54,23 @@ def chosen_scale(stage: "Stage") -> float:
     config = stage.config
     if config.method == "direct":
         return 0.0
-    direct = stage.rollout(0.0).condition
-    arm = tuple(getattr(direct, name) for name in CHOSEN_FOR)
-    folder = arm_folder(config.scales_dir, config.recipe, stage.arm)
-    chosen = _chosen(folder, stage.task).get((*arm, config.method), {})
-    if chosen and (fingerprint := stage.rollout(1.0).condition.field_fingerprint) in chosen:
-        return chosen[fingerprint]
+    file = scales_file(config.scales_dir, stage.task)
+    if (chosen := read_scales(file).get(config.method)) is not None:
+        return float(chosen["scale"])
     raise SettingError(
-        f"lambda=null: {folder} has no scale of method={config.method} for {config.robot.name}, "
-        f"{config.setting}{' with the field of these settings' if chosen else ''}. Choose one: python -m "
-        f"benchmark.scales robot={config.robot.name} setting={config.setting} recipe={config.recipe} "
-        f"methods=[{config.method}] output_dir={config.scales_dir} (and arm.… as here), or give lambda."
+        f"lambda=null: {file} has no scale of method={config.method}. Choose one: python -m benchmark.choose_scales "
+        f"methods=[{config.method}] scales_dir={config.scales_dir}, or give lambda."
     )
 
 
-@cache
-def _chosen(folder: Path, task: "Task") -> dict[tuple, dict[str, float]]:
-    """The chosen scales by arm and method, and by field, from the validation episodes of the present version."""
-    episodes = read_methods(folder, task, range(50_000, 60_000))
-    if episodes.empty:
-        return {}
-    table = scale_table(episodes, task)
-    chosen: dict[tuple, dict[str, float]] = {}
-    for row in table[table.chosen].to_dict("records"):
-        of_method = chosen.setdefault(tuple(row[name] for name in [*CHOSEN_FOR, "method"]), {})
-        of_method[row["field_fingerprint"]] = row["lambda"]
-    return chosen
+def scales_file(folder: str, task: "Task") -> Path:
+    """The file of a task's chosen scales."""
+    return Path(folder) / f"{task.name}.yaml"
+
+
+def read_scales(file: Path) -> dict[str, dict[str, Any]]:
+    """What was chosen for each method, and from what; nothing if the file is not there."""
+    return yaml.safe_load(file.read_text()) or {} if file.exists() else {}
 
 
 def arm_folder(output_dir: str, recipe: str, arm: "PlacedArm") -> Path:

@@ -1,0 +1,26 @@
+"""One scale for each method and task, chosen on validation scenes of all conditions of a suite; "off" can be chosen.
+
+python -m benchmark.choose_scales methods=[paper,projection,reorder]
+"""
+
+from benchmark.settings.command import run_command
+from benchmark.settings.task import chosen_task
+from benchmark.sweeps.scale_choice import ChooseScalesConfig, choose, written
+
+
+def main(config: ChooseScalesConfig) -> None:
+    """Roll out what is not stored yet, and write the scale that does best over all conditions into the task's file."""
+    from rich.console import Console
+
+    console = Console()
+    console.print(config.budget_text)
+    for method in config.methods:
+        chosen = choose(config, method, console)
+        file = written(config, method, chosen)
+        tried = ", ".join(f"{scale}: {100 * rate:.1f}" for scale, rate in chosen["tried"].items())
+        task = chosen_task(config.task)
+        console.print(f"{method}: {chosen['scale']:g} ({task.ranking[0]} in percent by scale: {tried}). {file}")
+
+
+if __name__ == "__main__":
+    run_command(main, ChooseScalesConfig, "choose_scales")
