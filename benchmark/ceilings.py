@@ -68,7 +68,12 @@ def main(config: CeilingsConfig) -> None:
         figures = dict(zip(("c", "c_low", "c_high"), made[name].interval(scenes), strict=True))
         means = {key: f"{100 * value:.1f}" for key, value in made[name].candidates.items()}
         lines.append({"condition": name, "ceiling": with_interval(pd.Series(figures), "c"), **means})
-    about = {"suite": config.suite, "task": task.name, "scenes": [scenes[0], scenes[-1]], "commit": commit()}
+    about: dict[str, object] = {
+        "suite": config.suite,
+        "task": task.name,
+        "scenes": [scenes[0], scenes[-1]],
+        "commit": commit(),
+    }
     about |= {"episode_version": int(rows.episode_version.max()), "episodes": len(rows)}
     about |= {"commits_of_rows": sorted({*rows.commit})}
     save_ceilings(file, made, about)

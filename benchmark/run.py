@@ -10,6 +10,7 @@ from pathlib import Path
 
 from benchmark.settings.command import run_command
 from benchmark.settings.config import RunConfig
+from benchmark.settings.task import chosen_task
 from benchmark.sweeps.job import run_job
 from benchmark.sweeps.sweep import end_sweep
 
@@ -26,7 +27,8 @@ def main(config: RunConfig) -> None:
 
     console = Console()
     if config.conditions:
-        show_suite(config, suite_rows(config, console, with_direct=True))
+        rows = suite_rows(config, console, with_direct=True)
+        show_suite(config.suite, config.conditions, rows, chosen_task(config.task))
         return
     if note := note_on_tuning(config):
         console.print(note)

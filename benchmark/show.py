@@ -1,6 +1,7 @@
 """What is in a folder of episodes: a table by method, scale and arm, and curves, of one's own results or of ours.
 
 python -m benchmark.show table=outputs/sweep
+python -m benchmark.show suite=push-v1
 """
 
 from dataclasses import dataclass
@@ -8,6 +9,7 @@ from pathlib import Path
 
 from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.config import check_folder
+from benchmark.settings.suite import suite_conditions
 from benchmark.settings.task import chosen_task
 
 
@@ -19,11 +21,17 @@ class ShowConfig:
     """A table of episodes, or a folder: all tables in it and below."""
     task: str = "block_push"
     """What the episodes are of (see benchmark.run)."""
+    suite: str = ""
+    """Conditions by which the episodes are shown, with ceilings and shares of head-room (see benchmark.run); then table
+    is results/suites/<suite> unless it is given."""
     output_dir: str = ""
     """Folder that curves.png goes to; empty for that of the table."""
 
     def __post_init__(self) -> None:
         chosen_task(self.task)
+        if self.suite:
+            suite_conditions(self.suite)
+            self.table = f"results/suites/{self.suite}" if self.table == ShowConfig.table else self.table
         check_setting(Path(self.table).exists(), "table", self.table, "a table of episodes, or a folder of them")
         if self.output_dir:
             check_folder(self.output_dir)
@@ -33,6 +41,7 @@ def main(config: ShowConfig) -> None:
     """Print method, scale and arm with the score that ranks and the paired difference to direct transfer; draw it."""
     from benchmark.episodes.table import read_tables
     from benchmark.scoring.own_results import show_results
+    from benchmark.sweeps.suite_run import show_suite
 
     path, task = Path(config.table), chosen_task(config.task)
     episodes = read_tables(path)
@@ -40,6 +49,9 @@ def main(config: ShowConfig) -> None:
         episodes = episodes[episodes.task == task.name]
     if episodes.empty:
         raise SettingError(f"table={path} holds no episodes of {task.name}.")
+    if config.suite:
+        show_suite(config.suite, suite_conditions(config.suite), episodes, task)
+        return
     show_results(
         episodes, task, Path(config.output_dir) if config.output_dir else path if path.is_dir() else path.parent
     )

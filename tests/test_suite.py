@@ -6,6 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from benchmark import show
+from benchmark.episodes.arm import arm_columns
 from benchmark.scoring.ceiling import Ceiling, ceiling, cross_validated, read_ceilings, save_ceilings
 from benchmark.scoring.statistics import Crossed, clustered_ratio
 from benchmark.scoring.suite_table import by_condition, shares, suite_table, suite_text
@@ -14,6 +16,7 @@ from benchmark.settings.scenes import PAPER, SEALED, TABLES, VALIDATION
 from benchmark.settings.setting import SettingError
 from benchmark.settings.suite import SUITES, suite_conditions, suite_runs
 from benchmark.studies.suite_candidates import verdict
+from envs.block_push.arm import block_push_arm
 from envs.block_push.task import BLOCK_PUSH
 from tests.made_up_episodes import CONDITION, episode
 
@@ -127,12 +130,14 @@ def test_a_ratio_of_sums_has_an_interval_that_scales():
     assert np.isnan(clustered_ratio(top, replace(bottom, values=-bottom.values))).all()
 
 
+def on_arm(rows):
+    """Rows as if of a UR3 as it usually stands."""
+    return rows.assign(**{name: [value] * len(rows) for name, value in arm_columns(block_push_arm("ur3")).items()})
+
+
 def test_rows_find_their_condition():
     conditions = {"here": ConditionConfig("ur3"), "near": ConditionConfig("ur3", arm=ArmConfig(base=[0.1, 0.0, 0.0]))}
-    from benchmark.episodes.arm import arm_columns
-    from envs.block_push.arm import block_push_arm
-
-    rows = DIRECT.assign(**{k: [v] * len(DIRECT) for k, v in arm_columns(block_push_arm("ur3")).items()})
+    rows = on_arm(DIRECT)
     there = rows.assign(base_x=0.1)[:3]
     found = by_condition(pd.concat([rows, there], ignore_index=True), conditions, BLOCK_PUSH)
     assert len(found["here"]) == 12 and len(found["near"]) == 3
@@ -149,3 +154,12 @@ def test_a_ceiling_knows_its_scenes():
 )
 def test_the_rule_by_which_conditions_are_chosen(direct, top, said):
     assert verdict(direct, top) == said
+
+
+def test_rows_of_a_suite_are_shown_by_condition(tmp_path, capsys):
+    from benchmark.episodes.parts import write_part
+
+    write_part(tmp_path, on_arm(pd.concat([DIRECT, METHOD], ignore_index=True)))
+    show.main(show.ShowConfig(table=str(tmp_path), suite="official"))
+    shown = capsys.readouterr().out
+    assert "| ur3         | reorder  | 0.01 | 12  | 66.7 [" in shown and "+25.0 [" in shown

@@ -137,8 +137,7 @@ def read_ceilings(file: Path) -> dict[str, Ceiling]:
     if not file.exists():
         return {}
     conditions = json.loads(file.read_text())["conditions"]
-    return {name: Ceiling(**{key: _frozen(value) for key, value in each.items()}) for name, each in conditions.items()}
-
-
-def _frozen(value: object) -> object:
-    return tuple(value) if isinstance(value, list) else value
+    return {
+        name: Ceiling(tuple(each["scenes"]), tuple(each["policies"]), tuple(each["values"]), each["candidates"])
+        for name, each in conditions.items()
+    }

@@ -4,7 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.settings.config import ORACLE_METHODS, RunConfig
+from benchmark.settings.config import ORACLE_METHODS, ConditionConfig, RunConfig
+from benchmark.settings.scenes import TABLES
 from benchmark.settings.suite import suite_runs
 from benchmark.settings.task import chosen_task
 
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from benchmark.rollouts.rollout import Rollout
+    from envs.task import Task
 
 
 def suite_rows(config: RunConfig, console: "Console", with_direct: bool) -> "pd.DataFrame":
@@ -54,12 +56,13 @@ def _oracle_tables(config: RunConfig, console: "Console") -> "list[pd.DataFrame]
     return play_missing(players, seeds, Path(config.output_dir), config.workers, name, console)
 
 
-def show_suite(config: RunConfig, rows: "pd.DataFrame") -> None:
-    """Print what rows come to on a suite."""
+def show_suite(suite: str, conditions: dict[str, ConditionConfig], rows: "pd.DataFrame", task: "Task") -> None:
+    """Print what rows come to on a suite, on one block of scenes: those for tables, or if there are none, the others."""
     from benchmark.scoring.ceiling import ceilings_file, read_ceilings
     from benchmark.scoring.suite_table import by_condition, shares, suite_table, suite_text
 
-    task, conditions = chosen_task(config.task), config.conditions
-    ceilings, tables = read_ceilings(ceilings_file(config.suite)), by_condition(rows, conditions, task)
+    in_block = rows.episode_seed.isin(TABLES)
+    rows = rows[in_block] if in_block.any() else rows
+    ceilings, tables = read_ceilings(ceilings_file(suite)), by_condition(rows, conditions, task)
     shown = conditions, ceilings, task
     print(suite_text(suite_table(tables, *shown), shares(tables, *shown), task))
