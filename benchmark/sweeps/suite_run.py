@@ -57,7 +57,7 @@ def _oracle_tables(config: RunConfig, console: "Console") -> "list[pd.DataFrame]
 
 
 def show_suite(suite: str, conditions: dict[str, ConditionConfig], rows: "pd.DataFrame", task: "Task") -> None:
-    """Print what rows come to on a suite, on one block of scenes: those for tables, or if there are none, the others."""
+    """Print what rows come to on a suite, on one block of scenes: those for tables, or where none are, the others."""
     from benchmark.scoring.ceiling import ceilings_file, read_ceilings
     from benchmark.scoring.suite_table import by_condition, shares, suite_table, suite_text
 
