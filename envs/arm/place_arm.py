@@ -68,8 +68,9 @@ def place_arm(
     chosen = usual | {name: value for name, value in given.items() if value is not None}
     if chosen["base"] is None:
         raise ValueError(
-            f"Nobody has found where {description.name} stands best. Find it (python -m benchmark.studies.place_bases "
-            "robots=[...]) and write it in the arm's file, or give its base."
+            f"Nobody has found where {description.name} stands best. Give its base, x, y, z in m, as in "
+            "arm.base=[0.1,-0.05,0], or find it (python -m benchmark.studies.place_bases robots=[...]) and write it in "
+            "the arm's file."
         )
     _check_limited(description, narrowed, chosen["joint_limits"])
     chosen |= {"narrowed": tuple(map(float, narrowed)), "tool_length": float(tool_length), "delay": float(delay)}
