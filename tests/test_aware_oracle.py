@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from envs import ENVIRONMENTS
-from envs.arm.feasibility import table_feasibility
+from envs.arm.feasibility import Feasibility, TableFeasibility, table_feasibility
+from envs.block_push.arm import block_push_arm
 from envs.block_push.aware_oracle import AwareOracle
-from envs.block_push.oracle import run_oracle
+from envs.block_push.oracle import Oracle, run_oracle
 from envs.block_push.outcome import summarize
+from envs.block_push.scene import draw_scene
 from envs.block_push.workspace import HEIGHT, WORKSPACE
 
 pytestmark = pytest.mark.system
@@ -44,3 +46,15 @@ def test_on_a_ur3_it_places_blocks_that_the_plain_one_cannot_get_behind(ur3):
 def test_its_commands_stay_where_the_arm_can_be(ur3):
     assert max(np.linalg.norm(info["commanded"]) for info in ur3) < 0.554 + 0.01
     assert np.mean([info["tracking_error"] > 0.01 for info in ur3]) < 0.02
+
+
+def test_where_no_push_is_foreseen_the_planner_does_as_the_plain_oracle():
+    x, y = np.linspace(0.15, 0.7, 12), np.linspace(-0.5, 0.5, 21)
+    nowhere = TableFeasibility(block_push_arm("ur3"), x, y, np.full((12, 21), int(Feasibility.OUT_OF_REACH)))
+    scene = draw_scene(50_000)
+    parts = (scene.block, scene.block2, scene.effector, scene.effector, scene.target, scene.target2)
+    observation = np.concatenate(parts)
+    planner = AwareOracle(nowhere, scene.mode)
+    step = planner(observation)
+    last = next(mode for mode in range(4) if np.allclose(Oracle(mode)(observation), step))
+    assert np.linalg.norm(step) > 0.01 and np.allclose(planner(observation), Oracle(last)(observation))
