@@ -62,7 +62,7 @@ def main(config: LeaderboardConfig) -> None:
         raise SettingError(
             f"There are no test episodes (seeds from {FIRST_TEST_SEED}) of a protocol that count, in any "
             f"table of episodes under {folder}. Make some: python -m benchmark.run protocol=strict robot=ur3 "
-            f"recipe={config.recipe}"
+            f"recipe={config.recipe}. For a table of any other rows: python -m benchmark.show table={folder}"
         )
     board = recipe_folder(folder if config.task == LeaderboardConfig.task else folder / task.name, config.recipe)
     text, html = markdown(task, tables, config.recipe), page(task, tables, board / "figures", config.recipe)
