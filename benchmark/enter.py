@@ -150,7 +150,7 @@ def direct_transfer(config: EnterConfig, runs: "Sequence[RunConfig]", console: "
     import pandas as pd
 
     from benchmark.artifacts.known_policies import RESULTS, checkpoint_folder, shipped
-    from benchmark.episodes.table import episodes_of, read_tables
+    from benchmark.episodes.table import episodes_of, read_present
     from benchmark.rollouts.make_rollout import make_rollout
     from benchmark.rollouts.missing_episodes import run_and_store_all
 
@@ -161,10 +161,10 @@ def direct_transfer(config: EnterConfig, runs: "Sequence[RunConfig]", console: "
     if config.scenes.start < FIRST_TEST_SEED:
         run = replace(runs[0], output_dir=str(Path(config.output_dir, "direct")))
         return pd.concat(run_and_store_all(rollouts, run, "direct transfer", console))
-    published = read_tables(RESULTS / "methods", rollouts[0].task.name)
+    published = read_present(RESULTS / "methods", rollouts[0].task)
     tables = [episodes_of(published, rollout.condition) for rollout in rollouts]
     return pd.concat(
-        [table[table.episode_seed.isin(config.scenes)] for table in tables if len(table)] or [published[:0]]
+        [table[table.episode_seed.isin(config.scenes)] for table in tables if len(table)] or [pd.DataFrame()]
     )
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from benchmark.episodes.episode import NOT_REPLAYED, differences
 from benchmark.rollouts.rollout import alone
-from benchmark.rollouts.row_rollout import row_rollout
+from benchmark.rollouts.row_rollout import check_version, row_rollout
 from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.config import ORACLE_METHODS
 from benchmark.settings.replay_config import ReplayConfig
@@ -56,7 +56,7 @@ def main(config: ReplayConfig) -> None:
     if missing == len(rows):
         sys.exit(1)
     if not equal:
-        print("Not bit-equal: edited, of another episode version, or by a processor that rounds otherwise.")
+        print("Not bit-equal: edited, or by a processor that rounds otherwise.")
         sys.exit(1)
 
 
@@ -87,7 +87,7 @@ def again(row: Mapping[str, Any], config: ReplayConfig, console: "Console") -> "
     """A row's episode, again and alone.
 
     Raises:
-        SettingError: If a piece that it was made with is missing.
+        SettingError: If it is of another episode version, or a piece that it was made with is missing.
     """
     if row["method"] in ORACLE_METHODS.values():
         return oracle_alone(row, chosen_task(config.task))
@@ -100,6 +100,7 @@ def oracle_alone(row: Mapping[str, Any], task: "Task") -> "Episode":
     from benchmark.episodes.episode import Episode
     from benchmark.rollouts.arm_oracle import ArmOracle, play_chunk
 
+    check_version(row, task)
     (oracle,) = [name for name, method in ORACLE_METHODS.items() if method == row["method"]]
     player, seed = ArmOracle(task, arm_of(row, task), oracle), row["episode_seed"]
     (outcome,) = play_chunk((player, (seed,)))

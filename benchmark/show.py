@@ -39,14 +39,12 @@ class ShowConfig:
 
 def main(config: ShowConfig) -> None:
     """Print method, scale and arm with the score that ranks and the paired difference to direct transfer; draw it."""
-    from benchmark.episodes.table import read_tables
+    from benchmark.episodes.table import read_present
     from benchmark.scoring.own_results import show_results
     from benchmark.sweeps.suite_run import show_suite
 
     path, task = Path(config.table), chosen_task(config.task)
-    episodes = read_tables(path)
-    if "task" in episodes:
-        episodes = episodes[episodes.task == task.name]
+    episodes = read_present(path, task)
     if episodes.empty:
         raise SettingError(f"table={path} holds no episodes of {task.name}.")
     if config.suite:

@@ -54,6 +54,8 @@ class Change:
     """Of these settings; () for all."""
     text: str
     """What changed, in a line."""
+    before: str
+    """The last commit that gives the rows of before."""
 
 
 @dataclass(frozen=True)
@@ -156,6 +158,19 @@ class Task:
     def episode_version(self, setting: str) -> int:
         """How often the same seed came to give another row in a setting, and 1: rows of other versions are others'."""
         return 1 + sum(not change.settings or setting in change.settings for change in self.history)
+
+    def check_version(self, setting: str, version: int) -> None:
+        """Refuse an episode of another version than the present one.
+
+        Raises:
+            ValueError: If it is of another; it says which commit plays that.
+        """
+        present = self.episode_version(setting)
+        if version == present:
+            return
+        changes = [each for each in self.history if not each.settings or setting in each.settings]
+        commit = f"Commit {changes[version - 1].before} plays it" if 1 <= version < present else "None plays it"
+        raise ValueError(f"it is of version {version} of {self.name}, and version {present} is played here. {commit}.")
 
     def oracle(self, name: str) -> OracleOnArm:
         """The scripted expert of this name, plain or aware.

@@ -60,12 +60,14 @@ def transfer_episodes():
     from envs.block_push.arm import block_push_arm
     from envs.block_push.outcome import EpisodeOutcome
     from envs.block_push.scene import draw_scene
+    from envs.block_push.task import BLOCK_PUSH
 
     rng = np.random.default_rng(0)
     about = dict(
-        task="block_push", sampler="DDIM", sampling_steps=10, device="cpu", commit="c1c1c1c", episode_version=1,
+        task="block_push", sampler="DDIM", sampling_steps=10, device="cpu", commit="c1c1c1c",
+        episode_version=BLOCK_PUSH.episode_version("embodied"),
     )  # fmt: skip
-    nothing = {f.name: 0.0 for f in dataclasses.fields(EpisodeOutcome)}
+    nothing = {f.name: {float: 0.0, int: 0, str: "free"}.get(f.type) for f in dataclasses.fields(EpisodeOutcome)}
     causes = ["outer_reach", "pushed_through", "dithering"]
 
     def rows(robot, setting, method, scale, rate, checkpoints, seeds, entry_hash=""):

@@ -79,7 +79,7 @@ def test_without_failed_episodes_the_way_out_is_said(tmp_path):
         main(CauseVideosConfig(episodes=str(tmp_path), output_dir=str(tmp_path)))
 
 
-def test_direct_transfer_on_target_arms_comes_first_and_other_versions_never():
+def test_direct_transfer_on_target_arms_comes_first_and_entries_never():
     def row(seed, cause, **condition):
         made = episode(seed, p2=False, condition=dataclasses.replace(CONDITION, **condition)).row()
         return made | {"failure_cause": cause}
@@ -92,10 +92,9 @@ def test_direct_transfer_on_target_arms_comes_first_and_other_versions_never():
             row(9, "dithering", robot="ur10"),
             row(4, "dithering", robot="ur3", sampling_steps=1),
             row(3, "time_out", **guided),
-            row(0, "time_out", episode_version=0),
             row(0, "time_out", entry_hash="abc"),
             row(0, "time_out", checkpoint_hash="of a policy that is not here"),
-            row(0, "block_tipped", episode_version=0),
+            row(0, "block_tipped", entry_hash="abc"),
             *(row(seed, "joint_limit") for seed in (7, 5, 8, 6)),
         ]
     )

@@ -51,7 +51,7 @@ def test_every_vertex_is_inside_its_sphere_and_the_boxes_above_it(robot):
 def test_states_and_contacts_are_those_of_loose_bounds_to_the_last_bit_also_where_links_touch(robot, arm):
     runs = []
     for tight in (True, False):
-        env = make(robot, tight, **arm)
+        env = make(robot, tight, setting="original", self_collision=True, **arm)  # Where nothing stops it.
         random, states, touching, pairs = np.random.default_rng(3), [], 0, []
         for seed in (1, 2):
             env.reset(seed=seed)

@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from envs import ENVIRONMENTS
+from envs import BLOCK_PUSH, ENVIRONMENTS
 from envs.block_push.failure import CAUSES
 from envs.block_push.outcome import summarize
 from envs.block_push.scene import draw_scene
@@ -35,6 +35,8 @@ def episode(length=350, **changes):
         "joint_limits": True,
         "joint_limit_margin": 1.0,
         "self_contact": False,
+        "table_contact": False,
+        "stopped": False,
         "tool_tilt": 0.0,
         "block_positions": np.array([[0.35, -0.1, 0.02], [0.47, -0.1, 0.02]]),
         "block_tilt": np.zeros(2),
@@ -67,6 +69,7 @@ CASES = {
     "ik_branch": away(0.4, 0.0, (0.0, 0.03)),
     "joint_limit": away(0.4, 0.0, (0.03, 0.0)) | {"joint_limit_margin": 0.001},
     "self_collision": away(0.25, 0.0, (-0.03, 0.0)) | {"self_contact": True, "ik_residual": 0.0},
+    "table_collision": away(0.4, 0.0, (0.03, 0.0)) | {"table_contact": True, "ik_residual": 0.0},
     "arm_blocked": away(0.4, 0.0, (0.03, 0.0)) | {"ik_residual": 0.0},
     "tool_tilt": {"tool_tilt": 0.3},
     "block_out_of_workspace": {"block_positions": np.array([[0.35, -0.1, 0.02], [0.10, -0.1, 0.02]])},
@@ -100,9 +103,30 @@ def test_the_first_of_two_faults_is_the_cause():
     assert summarize(episode(**fold | tilt)).failure_cause == "near_base_fold"
 
 
-def test_a_short_lag_is_nobodys_fault():
-    short = {"tracking_error": lambda step: 0.03 if 10 < step < 18 else 0.002}
-    assert summarize(episode(**short)).failure_cause == "dithering"
+def test_a_stopped_arm_failed_by_what_it_touched_whatever_was_before():
+    end = 200
+    for touched, cause in (("self_contact", "self_collision"), ("table_contact", "table_collision")):
+        stop = {key: lambda step: step == end for key in ("stopped", touched)}
+        outcome = summarize(episode(end, **CASES["outer_reach"] | stop))
+        assert outcome.failure_cause == cause and outcome.arm_at_end == "contact"
+
+
+def test_half_a_second_lost_within_one_counts_and_less_is_nobodys_fault():
+    """A saw-tooth, each of whose losses lasts a few steps only."""
+
+    def lost(share):
+        return CASES["outer_reach"] | {"tracking_error": lambda step: 0.03 if step % 10 < share else 0.002}
+
+    assert summarize(episode(**lost(4))).failure_cause == "dithering"
+    assert summarize(episode(**lost(5))).failure_cause == "outer_reach"
+    assert summarize(episode(**lost(9), block_positions=moving)).failure_cause == "outer_reach"
+
+
+def test_the_first_second_of_a_loss_says_why():
+    """Later the arm, folded, is held by something else."""
+    late = {"self_contact": lambda step: 40 <= step < 50, "ik_residual": 0.0}
+    lost = {"tracking_error": lambda step: 0.05 if step >= 40 else 0.002}
+    assert summarize(episode(**CASES["outer_reach"] | lost | late)).failure_cause == "self_collision"
 
 
 def test_a_loss_made_good_is_not_the_cause():
@@ -110,6 +134,46 @@ def test_a_loss_made_good_is_not_the_cause():
     lost = {"tracking_error": lambda step: 0.03 if 10 < step < 40 else 0.002, "ik_residual": 0.03}
     assert summarize(episode(**lost, block_positions=moving)).failure_cause == "time_out"
     assert summarize(episode(**lost)).failure_cause == "ik_branch"  # Nothing moved after it.
+
+
+def test_a_block_that_lies_on_its_side_or_flies_out_makes_nothing_good():
+    lost = CASES["outer_reach"] | {"tracking_error": lambda step: 0.03 if 10 < step < 40 else 0.002}
+
+    def flung(step):
+        return np.array([[0.35 + max(0, step - 20), -0.1, 0.02], [0.47, -0.1, 0.02]])
+
+    tipped = {"block_tilt": lambda step: np.array([np.pi / 2 if step > 20 else 0.0, 0.0])}
+    assert summarize(episode(**lost, block_positions=flung)).failure_cause == "outer_reach"
+    assert summarize(episode(**lost, block_positions=moving, **tipped)).failure_cause == "outer_reach"
+
+
+@pytest.mark.parametrize(
+    ("state", "held"),
+    [
+        ("free", {}),
+        ("border", {"ik_residual": 0.005}),
+        ("joint_limit", {"joint_limit_margin": 0.001}),
+        ("contact", {"table_contact": True}),
+    ],
+)
+def test_what_the_arm_was_at_in_the_last_ten_seconds_is_told(state, held):
+    usual = episode(1)[0]
+    at = {key: lambda step, key=key, value=value: value if step > 299 else usual[key] for key, value in held.items()}
+    assert summarize(episode(**at)).arm_at_end == state
+    early = {key: lambda step, key=key, value=value: value if step < 299 else usual[key] for key, value in held.items()}
+    assert summarize(episode(**early)).arm_at_end == "free"
+
+
+def test_steps_in_contact_and_at_a_limit_are_counted_and_the_first_contact_is_told():
+    infos = episode(
+        self_contact=lambda step: step in (7, 9),
+        table_contact=lambda step: step in (9, 12),
+        joint_limit_margin=lambda step: -0.001 if step < 21 else 1.0,
+    )
+    outcome = summarize(infos)
+    assert (outcome.first_contact_step, outcome.contact_steps, outcome.limit_steps) == (7, 3, 20)
+    assert summarize(episode(joint_limits=False, joint_limit_margin=0.0)).limit_steps == 0
+    assert summarize(episode()).first_contact_step is None
 
 
 def test_of_losses_the_first_that_was_not_made_good_is_the_cause():
@@ -126,10 +190,11 @@ def test_of_losses_the_first_that_was_not_made_good_is_the_cause():
 
 def go(env, info, goal, steps, step=0.02):
     """Infos of commands that go straight to a point and stay there."""
-    infos = [info]
-    for _ in range(steps):
+    infos, over = [info], False
+    while len(infos) <= steps and not over:
         way = np.array(goal) - infos[-1]["commanded"]
-        infos.append(env.step(way * min(1, step / max(np.linalg.norm(way), 1e-9)))[4])
+        *_, over, _, info = env.step(way * min(1, step / max(np.linalg.norm(way), 1e-9)))
+        infos.append(info)
     return infos
 
 
@@ -141,10 +206,10 @@ def scene(block, effector=(0.3, -0.4)):
 SIMULATED = {  # Robot, its setting, the scene, and where the command goes.
     "outer_reach": ("ur3", {}, None, (0.65, 0.0)),
     "near_base_fold": ("ur10", {"setting": "original", "base": (0.1, 0.0, 0.0)}, None, (0.16, 0.0)),
-    "joint_limit": ("ur3", {"self_collision": False, "base": (0.05, 0.0, 0.0)}, None, (0.15, 0.0)),
+    "joint_limit": ("iiwa7", {}, None, (0.15, 0.0)),
     "self_collision": ("ur10", {"branch": "wrist_out"}, None, (0.25, 0.0)),
     "ik_branch": ("ur5", {"setting": "original", "base": (0.25, 0.0, 0.0)}, None, (0.15, 0.2)),  # Past the base.
-    "arm_blocked": ("ur3", {"setting": "original", "base": (0.14, 0.0, 0.0)}, None, (0.15, 0.2)),  # Elbow on the table.
+    "table_collision": ("ur3", {"setting": "original", "base": (0.14, 0.0, 0.0)}, None, (0.15, 0.2)),  # Its elbow.
     "tool_tilt": ("ur3", {"orientation_weight": 0.01}, None, (0.65, 0.0)),
     "block_out_of_workspace": ("xarm6", {}, scene((0.45, 0.49), (0.45, 0.45)), (0.45, 0.5)),
     "pushed_through": ("xarm6", {}, scene((0.284, 0.12), (0.284, 0.08)), (0.284, 0.32)),
@@ -155,13 +220,21 @@ SIMULATED = {  # Robot, its setting, the scene, and where the command goes.
 @pytest.mark.parametrize("cause", SIMULATED)
 def test_causes_are_told_in_the_simulation(cause):
     robot, arguments, options, goal = SIMULATED[cause]
-    env = gymnasium.make(ENVIRONMENTS[robot], disable_env_checker=True, **arguments)
+    env = gymnasium.make(BLOCK_PUSH, robot=robot, disable_env_checker=True, **arguments)
     _, info = env.reset(seed=0, options=options)
     assert summarize(go(env, info, goal, steps=110)).failure_cause == cause
 
 
 def test_the_other_causes_in_the_simulation_have_a_test_of_their_own():
-    assert set(CAUSES) - set(SIMULATED) == {"time_out", "block_tipped"}
+    assert set(CAUSES) - set(SIMULATED) == {"time_out", "block_tipped", "arm_blocked"}
+
+
+def test_an_arm_that_is_held_by_something_else_is_blocked():
+    env = gymnasium.make(ENVIRONMENTS["xarm6"], disable_env_checker=True)
+    _, info = env.reset(seed=0)
+    _, data = env.unwrapped.physics
+    data.xfrc_applied[env.unwrapped._simulation.flange, 1] = -3000.0  # In [N].
+    assert summarize(go(env, info, (0.3, -0.2), steps=30)).failure_cause == "arm_blocked"
 
 
 def test_time_runs_out_in_the_simulation_while_a_block_is_pushed():

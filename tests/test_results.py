@@ -33,7 +33,7 @@ def test_an_episode_stored_twice_is_one_row(tmp_path):
 
 def test_other_lambdas_and_versions_are_told_apart(tmp_path):
     guided = dataclasses.replace(CONDITION, method="paper", guidance_scale=0.5, field_fingerprint="f", cell_size=0.05)
-    newer = dataclasses.replace(CONDITION, episode_version=2)
+    newer = dataclasses.replace(CONDITION, episode_version=9)
     store_episodes(tmp_path, [episode(1), episode(1, condition=guided)])
     table = read_episodes(tmp_path)
     assert len(episodes_of(table, CONDITION)) == len(episodes_of(table, guided)) == 1

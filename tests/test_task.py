@@ -50,8 +50,13 @@ def test_what_does_not_fit_together_is_refused(values, said):
 
 
 def test_a_line_of_history_raises_the_version_of_the_settings_that_it_names():
-    task = replace(BLOCK_PUSH, history=(Change((), "a"), Change(("best",), "b")))
+    task = replace(BLOCK_PUSH, history=(Change((), "a", "c0"), Change(("best",), "b", "c1")))
     assert [task.episode_version(setting) for setting in ("embodied", "best")] == [2, 3]
+    task.check_version("best", 3)
+    with pytest.raises(ValueError, match="of version 2 of block_push, and version 3 is played here. Commit c1 plays"):
+        task.check_version("best", 2)
+    with pytest.raises(ValueError, match="version 2 is played here. None plays it"):
+        task.check_version("embodied", 3)
 
 
 def test_an_oracle_plays_the_same_episode_through_the_task_as_by_itself():

@@ -21,6 +21,7 @@ from benchmark.training.demonstration_recipe import CollectConfig
 from benchmark.training.demonstration_tensors import DemonstrationTensors, load_demonstrations
 from benchmark.training.side_by_side import train_all
 from benchmark.training.trainer import TrainConfig, train
+from envs.block_push.task import BLOCK_PUSH
 from policies.configuration_guided_push import GuidedPushConfig
 from policies.modeling_guided_push import GuidedPushPolicy
 
@@ -41,7 +42,8 @@ def root(tmp_path_factory):
 
     root = tmp_path_factory.mktemp("demonstrations") / "synthetic"
     write_dataset([episode(0, 8), episode(1, 5)], root, 2)
-    (root / "meta" / "collect.json").write_text(json.dumps({"recipe": CollectConfig().recipe, "episode_version": 1}))
+    about = {"recipe": CollectConfig().recipe, "episode_version": BLOCK_PUSH.episode_version("embodied")}
+    (root / "meta" / "collect.json").write_text(json.dumps(about))
     return root
 
 

@@ -11,7 +11,7 @@ import pandas as pd
 from pandas.api.types import is_bool_dtype, is_float_dtype, is_integer_dtype
 
 from benchmark.episodes.episode import IDENTITY, NOT_REPLAYED, column_types, row_id, row_name
-from benchmark.episodes.table import read_tables
+from benchmark.episodes.table import read_present
 from benchmark.settings.command import SettingError
 
 if TYPE_CHECKING:
@@ -30,13 +30,13 @@ FITS = {
 def read_checked(path: Path, task: "Task", first_seed: int = 0) -> pd.DataFrame:
     """The episodes of a task in a table, or in all tables of a folder, from an episode seed on.
 
-    Rows of earlier episodes are left out: what is not published need not be fit for it.
+    Rows of earlier episodes and of other episode versions are left out: what is not published need not be fit for it.
 
     Raises:
         SettingError: If a column is missing, strange, of another type or out of its range, or two rows of one episode
             say different things.
     """
-    table = read_tables(path, task.name, each_once=False)
+    table = read_present(path, task, each_once=False)
     if table.empty:
         return table
     types = column_types(task.outcome)

@@ -2,12 +2,17 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pandas as pd
+import pyarrow as pa
 
 from benchmark.episodes.arm import ARM, alike
 from benchmark.episodes.episode import CONDITION, IDENTITY, Condition, Episode, as_frame
 from benchmark.episodes.parts import of_task, parts_below, parts_in, read_part, to_frame, write_part
+
+if TYPE_CHECKING:
+    from envs.task import Task
 
 ORDER = ["method", "lambda", "checkpoint_hash", "episode_seed"]
 """Of the rows, whatever parts they are in."""
@@ -20,24 +25,42 @@ def read_episodes(output_dir: Path, columns: Sequence[str] | None = None) -> pd.
 
 def read_tables(path: Path, task: str | None = None, each_once: bool = True) -> pd.DataFrame:
     """The episodes of a task, or all, in a folder and below it, or in one file; each once, or all rows."""
-    return _read(lambda: parts_below(path), task=task, each_once=each_once)
+    return _read(lambda: parts_below(path), keep=lambda rows: of_task(rows, task) if task else rows, each_once=each_once)
+
+
+def read_present(path: Path, task: "Task", each_once: bool = True) -> pd.DataFrame:
+    """The episodes of a task's present version, as `read_tables` gives them; how many others there are is printed."""
+    others = 0
+
+    def present(rows: pa.Table) -> pa.Table:
+        nonlocal others
+        rows = of_task(rows, task.name)
+        if not {"setting", "episode_version"} <= {*rows.column_names}:
+            return rows
+        played = rows["setting"].to_pandas().map(task.episode_version)
+        kept = rows.filter(pa.array((rows["episode_version"].to_pandas() == played).to_numpy()))
+        others += len(rows) - len(kept)
+        return kept
+
+    table = _read(lambda: parts_below(path), keep=present, each_once=each_once)
+    if others:
+        print(f"{others:,} episodes of other versions of {task.name} than the present one are left out of {path}.")
+    return table
 
 
 def _read(
     files: Callable[[], list[Path]],
     columns: Sequence[str] | None = None,
-    task: str | None = None,
+    keep: Callable[[pa.Table], pa.Table] = lambda rows: rows,
     each_once: bool = True,
 ) -> pd.DataFrame:
     asked = None if columns is None else [*dict.fromkeys([*IDENTITY, *columns])]
     while True:
         try:
-            tables = [read_part(file, asked) for file in files()]
+            tables = [keep(read_part(file, asked)) for file in files()]
             break
         except FileNotFoundError:  # Another process has just merged this part with others.
             continue
-    if task is not None:
-        tables = [of_task(table, task) for table in tables]
     table = to_frame([table for table in tables if len(table)])
     if {*ORDER} <= {*table}:
         table = table.sort_values(ORDER, ignore_index=True, kind="stable")

@@ -15,6 +15,7 @@ from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import ArmConfig, RobotConfig, RunConfig
 from benchmark.settings.replay_config import ReplayConfig
+from benchmark.settings.task import chosen_task
 from policies.methods import METHODS
 
 if TYPE_CHECKING:
@@ -22,16 +23,18 @@ if TYPE_CHECKING:
 
     from benchmark.rollouts.entry import Entry
     from benchmark.rollouts.rollout import Rollout
+    from envs.task import Task
 
 
 def row_rollout(row: Mapping[str, Any], config: ReplayConfig, console: "Console") -> "Rollout":
     """What a row was rolled out with, from the pieces that are on this machine.
 
     Raises:
-        SettingError: If a piece is missing.
+        SettingError: If it is of another episode version, or a piece is missing.
     """
     import torch
 
+    check_version(row, chosen_task(config.task))
     if row["device"] == "cuda" and not torch.cuda.is_available():
         raise SettingError(f"{row_name(row)} ran on a GPU, and PyTorch finds none here. Replay it where it ran.")
     entry = row_entry(row, config.entry)
@@ -50,6 +53,18 @@ def row_rollout(row: Mapping[str, Any], config: ReplayConfig, console: "Console"
             f"{made[:16] or 'none'}. Give the map.* and energy.* that it was made with."
         )
     return rollout
+
+
+def check_version(row: Mapping[str, Any], task: "Task") -> None:
+    """Refuse a row of another episode version: what is played here is another episode.
+
+    Raises:
+        SettingError: If it is; it says which commit plays the row.
+    """
+    try:
+        task.check_version(row["setting"], row["episode_version"])
+    except ValueError as error:
+        raise SettingError(f"{row_name(row)}: {error}") from error
 
 
 def row_entry(row: Mapping[str, Any], folder: str) -> "Entry | None":

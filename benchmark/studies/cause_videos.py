@@ -46,12 +46,12 @@ def main(config: CauseVideosConfig) -> None:
     from rich.console import Console
 
     from benchmark.artifacts.known_policies import RESULTS, policies_in
-    from benchmark.episodes.table import read_tables
+    from benchmark.episodes.table import read_present
     from benchmark.rollouts.row_rollout import policy_hash, row_rollout
     from benchmark.settings.replay_config import ReplayConfig
 
     console, output_dir = Console(), Path(config.output_dir)
-    failed = read_tables(Path(config.episodes), BLOCK_PUSH.name)
+    failed = read_present(Path(config.episodes), BLOCK_PUSH)
     if len(failed):
         failed = failed[failed.failure_cause.notna() & ~failed.method.isin(ORACLE_METHODS.values())]
     if not len(failed):
@@ -94,13 +94,12 @@ def film(rollout: "Rollout", row: "Mapping[str, Any]", file: Path, table: str) -
 
 
 def examples(failed: "pd.DataFrame", policies: set[str]) -> "pd.DataFrame":
-    """A few rows for each cause that there is, of this episode version, of our own methods and of these policies.
+    """A few rows for each cause that there is, of our own methods and of these policies.
 
     Episodes with fewer denoising steps than the default come last; direct transfer comes before guidance, the UR3
     before the other targets and these before the source; then seeds.
     """
-    present = failed.episode_version == failed.setting.map(BLOCK_PUSH.episode_version)
-    ours = failed[present & (failed.entry_hash == "") & failed.checkpoint_hash.isin(policies)]
+    ours = failed[(failed.entry_hash == "") & failed.checkpoint_hash.isin(policies)]
     order = ours.assign(
         rushed=ours.sampling_steps < RunConfig().sampling_steps,
         guided=ours["lambda"] > 0,
@@ -113,7 +112,7 @@ def examples(failed: "pd.DataFrame", policies: set[str]) -> "pd.DataFrame":
 TEXT = """# Causes of failure, each seen
 
 Made by `python -m benchmark.studies.cause_videos`: one stored episode of each cause, replayed, at twice the speed. The
-rules are in the README and in `envs/failure.py`. *Stored*: failed episodes by this cause under `results/`, of all arms,
+rules are in `envs/block_push/failure.py`. *Stored*: failed episodes by this cause under `results/`, of all arms,
 methods and seeds, also of scales and policies that were tried and not chosen. Any row replays alone: `python -m
 benchmark.replay table=results row=<row>`.
 

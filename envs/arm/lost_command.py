@@ -1,8 +1,17 @@
 """What keeps an arm from its command: causes of failure that are the arm's, whatever the task."""
 
 import numpy as np
+from jaxtyping import Bool, Int
 
-ARM_CAUSES = ("outer_reach", "near_base_fold", "joint_limit", "self_collision", "ik_branch", "arm_blocked")
+ARM_CAUSES = (
+    "self_collision",
+    "table_collision",
+    "joint_limit",
+    "outer_reach",
+    "near_base_fold",
+    "ik_branch",
+    "arm_blocked",
+)
 
 LOST = 0.01
 """Command and flange are farther apart than this, in [m], when an arm cannot follow; in ordinary motion they
@@ -11,20 +20,35 @@ AT_LIMIT = 0.02
 """A joint this close to its limit, in [rad], is held by it."""
 
 
-def cause_of_loss(record: dict[str, np.ndarray], lost: slice) -> str:
+SHORT = 2e-3
+"""Inverse kinematics that misses its point by more than this, in [m], is at the border of what it can reach."""
+
+ARM_STATES = ("free", "border", "joint_limit", "contact")
+"""What an arm may be at: nothing that holds it, the border of its reach (or its fold), a joint's limit, or something
+that it touches."""
+
+
+def cause_of_stop(record: dict[str, np.ndarray]) -> str | None:
+    """What an arm touched that was stopped for it as the record ends; None if it was not."""
+    if not record["stopped"][-1]:
+        return None
+    return "self_collision" if record["self_contact"][-1] else "table_collision"
+
+
+def cause_of_loss(record: dict[str, np.ndarray], lost: Int[np.ndarray, " n"]) -> str:
     """What keeps the arm from its command in these steps.
 
-    Links in contact: self-collision. A joint at a limit that binds: that. Inverse kinematics that misses its point:
-    outer reach if the flange is short of it, seen from the base, the fold if it is beyond it, and a stuck
-    branch if it is beside it. Otherwise joints are where they should be and something outside the arm holds
-    it.
+    Inverse kinematics that misses its point, with a joint at a limit that binds: that limit. Else outer reach if the
+    flange is short of the point, seen from the base, the fold if it is beyond it, and a stuck branch if it is beside
+    it. Where inverse kinematics does not miss it, joints are not where they should be: links touch each other or the
+    table, or something else holds the arm.
     """
-    if record["self_contact"][lost].mean() > 0.5:
-        return "self_collision"
-    if (record["joint_limits"][lost] & (np.abs(record["joint_limit_margin"][lost]) < AT_LIMIT)).mean() > 0.5:
-        return "joint_limit"
     if np.median(record["ik_residual"][lost]) < 0.5 * np.median(record["tracking_error"][lost]):
-        return "arm_blocked"
+        if record["self_contact"][lost].mean() > 0.5:
+            return "self_collision"
+        return "table_collision" if record["table_contact"][lost].mean() > 0.5 else "arm_blocked"
+    if at_limit(record)[lost].mean() > 0.5:
+        return "joint_limit"
     from_base = record["commanded"][lost] - record["base"][lost, :2]  # (t, 2)
     missing = record["commanded"][lost] - record["flange"][lost, :2]
     radius = np.linalg.norm(from_base, axis=-1)
@@ -33,3 +57,25 @@ def cause_of_loss(record: dict[str, np.ndarray], lost: slice) -> str:
     if share > 0.7:
         return "outer_reach"
     return "near_base_fold" if share < -0.7 else "ik_branch"
+
+
+def in_contact(record: dict[str, np.ndarray]) -> Bool[np.ndarray, " t"]:
+    """In which steps links touch each other, the tool or the table."""
+    return record["self_contact"] | record["table_contact"]
+
+
+def at_limit(record: dict[str, np.ndarray]) -> Bool[np.ndarray, " t"]:
+    """In which steps a joint is at a limit that binds."""
+    return record["joint_limits"] & (np.abs(record["joint_limit_margin"]) < AT_LIMIT)
+
+
+def arm_state(record: dict[str, np.ndarray]) -> str:
+    """The one of `ARM_STATES` that an arm was in for at least half of these steps; the last that applies.
+
+    An arm that was stopped for what it touched was in contact.
+    """
+    if record["stopped"][-1]:
+        return "contact"
+    held = (record["ik_residual"] > SHORT, at_limit(record), in_contact(record))
+    states = [name for name, steps in zip(ARM_STATES[1:], held, strict=True) if steps.mean() >= 0.5]
+    return [ARM_STATES[0], *states][-1]

@@ -67,6 +67,12 @@ class PlacedArm:
         return self.description.name
 
     @property
+    def protected(self) -> bool:
+        """Whether a controller stops it when it touches itself or the table, and keeps its command near: not in the
+        setting `original`."""
+        return self.setting != "original"
+
+    @property
     def robot_fingerprint(self) -> str:
         """SHA-256 over the description and the convex parts that collide."""
         both = self.description.fingerprint + parts_fingerprint(self.description)

@@ -10,6 +10,7 @@ from gymnasium import spaces
 from jaxtyping import Bool, Float, UInt8
 
 from envs import MAX_EPISODE_STEPS
+from envs.arm.contact import ContactTime
 from envs.arm.inverse_kinematics import Posture
 from envs.arm.placed_arm import PlacedArm, start_posture
 from envs.arm.renderer import HEIGHT as PICTURE_HEIGHT
@@ -22,10 +23,12 @@ from richmap.task_spaces.block_push import AT, BLOCK_PUSH_SPACE, BLOCKS, START, 
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", SyntaxWarning)  # From robosuite's own text, when Python first compiles it.
-    from envs.block_push.simulation import BlockPushSimulation
+    from envs.block_push.simulation import TIMESTEP, BlockPushSimulation
 
 MAX_STEP = 0.1
 """Largest step of the commanded effector along an axis, in [m] per control step."""
+LEASH = 0.08
+"""Farthest that the command is ahead of the flange, in [m], where an arm is protected: so no error winds up."""
 HOLD = 1.0
 """How long the command is held still after success before it is judged again, in [s]."""
 YAWS = [i for i, unit in enumerate(BLOCK_PUSH_SPACE.observation.units) if unit == "rad"]
@@ -44,9 +47,13 @@ class BlockPushEnv(gymnasium.Env):
     """Push two blocks into two targets, one each, with a rod held by an arm. Ten control steps per second.
 
     Action, 2 numbers in [m]: step of the commanded effector in x and y, clipped to 0.1 each; the command adds
-    up, independent of where the arm really is, and stays in the box x .15 to .70, y -.50 to .50. An arm to which
-    commands come late (`PlacedArm.delay`) does what it was told so long ago; infos are of that command, observations of
-    the present one. The flange is kept at z = .06 with the tool upright, or as much higher as its tool is longer.
+    up and stays in the box x .15 to .70, y -.50 to .50. An arm to which commands come late (`PlacedArm.delay`) does what
+    it was told so long ago; infos are of that command, observations of the present one. The flange is kept at z = .06
+    with the tool upright, or as much higher as its tool is longer.
+
+    A real arm is protected, so in the settings `embodied` and `best` the command stays within 0.08 m of the flange, and
+    an arm whose links touch each other, its tool or the table for 0.1 s within a second is stopped
+    (`envs.arm.contact`): the episode ends, and the step in which it does earns nothing. In `original` neither acts.
 
     State, 16 numbers, xy in [m] in the world, yaw in [rad] modulo pi: block x, y, yaw (0-2); block2 (3-5);
     effector measured x, y (6-7) and commanded x, y (8-9); target x, y, yaw (10-12); target2 (13-15). With
@@ -55,8 +62,8 @@ class BlockPushEnv(gymnasium.Env):
 
     Reward: 0.49 for every first entry of a block into a target, 0.51 when both blocks are in different
     targets, which ends the episode. Inside that last step one more second passes with the command held still,
-    after which `info["success_at_end"]` tells whether both are still in; the observation is from before that
-    second.
+    after which `info["success_at_end"]` tells whether both are still in and the arm was not stopped; the observation
+    is from before that second.
 
     A copy, or one that went through pickle, goes on as the original would, to the last bit.
 
@@ -101,6 +108,7 @@ class BlockPushEnv(gymnasium.Env):
         self.observation_space = _observation_space(obs_type, *self._seen)
         self._lower, self._upper = arm.joint_range
         self._delay = round(arm.delay * CONTROL_FREQUENCY)
+        self._contact = ContactTime(arm.protected, TIMESTEP)
         self._build()
 
     def _build(self) -> None:
@@ -151,6 +159,7 @@ class BlockPushEnv(gymnasium.Env):
         self._posture = self._posture_over(scene)
         self._running.place(scene, self._posture.joints)
         self._been_inside = np.zeros((2, 2), dtype=bool)
+        self._contact.reset()
         self._steps = 0
         state, info = self._state(), self._info((0.0, 0.0), self._inside())
         return self._observe(state), info
@@ -164,13 +173,14 @@ class BlockPushEnv(gymnasium.Env):
         self._command = np.clip(self._command + step, WORKSPACE[0], WORKSPACE[1])
         self._advance()
         self._steps += 1
+        stopped = self._contact.stopped
         now = self._inside()
-        earned = rewards(self._been_inside, now)
-        self._been_inside |= now
+        earned = (0.0, 0.0) if stopped else rewards(self._been_inside, now)
+        self._been_inside |= now & (not stopped)
         state, info = self._state(), self._info(earned, now)
         if info["p2"]:
             info["success_at_end"] = self._stays_placed()
-        return self._observe(state), sum(earned), info["p2"], False, info
+        return self._observe(state), sum(earned), info["p2"] or stopped, False, info
 
     def render(self) -> np.ndarray | None:
         """A picture, (height, width, 3) uint8, if `render_mode` is `rgb_array`."""
@@ -213,14 +223,26 @@ class BlockPushEnv(gymnasium.Env):
         return self.obs_type.startswith("pixels")
 
     def _advance(self) -> None:
-        self._underway.append(self._command.copy())
-        self._arrived = self._underway.pop(0)
-        self._posture = self._kinematics.solve(np.array([*self._arrived, HEIGHT]), self._posture.joints)
-        self._running.step(self._posture.joints)
+        self._command = self._leashed(self._command)
+        self._underway.append(self._command)
+        arrived = self._underway.pop(0)
+        self._posture = self._kinematics.solve(np.array([*arrived, HEIGHT]), self._posture.joints)
+        self._contact.begin_step()
+        self._running.step(self._posture.joints, self._contact)
+        self._command, self._arrived = self._leashed(self._command), self._leashed(arrived)
+
+    def _leashed(self, command: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+        """A command, xy in [m], drawn towards the flange as far as its leash wants."""
+        flange = self._running.flange_xyz[:2]
+        ahead = command - flange
+        distance = np.linalg.norm(ahead)
+        return flange + ahead * (LEASH / distance) if self.arm.protected and distance > LEASH else command
 
     def _stays_placed(self) -> bool:
         for _ in range(round(HOLD * CONTROL_FREQUENCY)):
             self._advance()
+            if self._contact.stopped:
+                return False
         return both_placed(self._inside())
 
     def _inside(self) -> Bool[np.ndarray, "2 2"]:
@@ -258,7 +280,7 @@ class BlockPushEnv(gymnasium.Env):
     def _info(self, earned: tuple[float, float], now: Bool[np.ndarray, "2 2"]) -> dict[str, Any]:
         simulation = self._running
         flange, blocks = simulation.flange_xyz, simulation.blocks_xyz
-        p1, p2 = bool(self._been_inside.any()), both_placed(now)
+        p1, p2 = bool(self._been_inside.any()), both_placed(now) and not self._contact.stopped
         joints = simulation.joint_angles
         return {
             "is_success": p2,
@@ -277,7 +299,9 @@ class BlockPushEnv(gymnasium.Env):
             "ik_residual": self._posture.residual,
             "joint_limits": self.arm.joint_limits,
             "joint_limit_margin": float(np.minimum(joints - self._lower, self._upper - joints).min()),
-            "self_contact": simulation.links_touch,
+            "self_contact": self._contact.touched.itself,
+            "table_contact": self._contact.touched.table,
+            "stopped": self._contact.stopped,
             "tool_tilt": simulation.tool_tilt,
             "block_positions": blocks,
             "block_tilt": simulation.blocks_tilt,

@@ -1,10 +1,11 @@
 """Why an episode failed: one cause, by rules on what `info` recorded.
 
-The first of these events to begin is the cause: a block tipped over, a block left for good where the pusher
-cannot get behind it, the tool tilted, or the arm lost its command, for a reason read off the steps in which
-it was lost. A loss or a tilt that was made good does not count: the arm did as told again for ten seconds and a
-block moved in them. Without such an event the policy is the cause: it pushed a block out of a target again,
-dithered, or ran out of time.
+An arm that was stopped for touching something failed by that. Else the first of these events to begin is the cause: a
+block tipped over, a block left for good where the pusher cannot get behind it, the tool tilted, or the arm lost its
+command, for a reason read off the first second in which it was lost. A loss or a tilt counts if it fills half of a
+second, with breaks or without, unless it was made good: the arm did as told again for ten seconds and a block moved in
+them, upright and in the workspace. Without such an event the policy is the cause: it pushed a block out of a target
+again, dithered, or ran out of time.
 """
 
 from itertools import pairwise
@@ -12,11 +13,10 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float
 
-from envs.arm.lost_command import ARM_CAUSES, LOST, cause_of_loss
+from envs.arm.lost_command import ARM_CAUSES, LOST, cause_of_loss, cause_of_stop
 
 LASTING = 10
-"""Steps for which a fault must last without a break to count: a second; shorter ones are made good by the
-policy."""
+"""A second, in steps, of which a fault must fill half to count; shorter ones are made good by the policy."""
 TIPPED = np.pi / 4
 """Tilt past which a cube falls onto another face, in [rad]."""
 TOOL_TILTED = np.radians(10)
@@ -51,25 +51,33 @@ def failure_cause(infos: list[dict], workspace: Float[np.ndarray, "2 2"]) -> str
     """
     if infos[-1]["p2"]:
         return None
-    record = {key: np.array([info[key] for info in infos]) for key in infos[0]}
+    record = recorded(infos)
+    if stop := cause_of_stop(record):
+        return stop
     events = [event for event in _events(record, workspace) if event is not None]
     if events:
         return min(events)[1]
     return _policy_cause(record)
 
 
+def recorded(infos: list[dict]) -> dict[str, np.ndarray]:
+    """What the infos say under each key, one row per info."""
+    return {key: np.array([info[key] for info in infos]) for key in infos[0]}
+
+
 def _events(record: dict[str, np.ndarray], workspace: Float[np.ndarray, "2 2"]) -> list[tuple[int, str] | None]:
     """When each event began, with its name; None for those that did not happen."""
     blocks = record["block_positions"][..., :2]  # (t, 2, 2)
-    outside = ((blocks < workspace[0] - BEHIND) | (blocks > workspace[1] + BEHIND)).any(axis=(1, 2))
-    tipped = (record["block_tilt"] > TIPPED).any(axis=1)
-    lost = _first_run(record["tracking_error"] > LOST, blocks)
-    tilted = _first_run(record["tool_tilt"] > TOOL_TILTED, blocks)
+    outside = ((blocks < workspace[0] - BEHIND) | (blocks > workspace[1] + BEHIND)).any(axis=-1)  # (t, 2)
+    tipped = record["block_tilt"] > TIPPED
+    in_play = np.where((outside | tipped)[..., None], np.nan, blocks)
+    off = record["tracking_error"] > LOST
+    lost, tilted = _first_fault(off, in_play), _first_fault(record["tool_tilt"] > TOOL_TILTED, in_play)
     return [
-        (int(tipped.argmax()), "block_tipped") if tipped.any() else None,
-        (_start_of_last_run(outside), "block_out_of_workspace") if outside[-1] else None,
-        (lost.start, cause_of_loss(record, lost)) if lost else None,
-        (tilted.start, "tool_tilt") if tilted else None,
+        (int(tipped.any(axis=1).argmax()), "block_tipped") if tipped.any() else None,
+        (_start_of_last_run(outside.any(axis=1)), "block_out_of_workspace") if outside[-1].any() else None,
+        (lost, cause_of_loss(record, lost + np.flatnonzero(off[lost : lost + LASTING]))) if lost is not None else None,
+        (tilted, "tool_tilt") if tilted is not None else None,
     ]
 
 
@@ -78,19 +86,31 @@ def _policy_cause(record: dict[str, np.ndarray]) -> str:
     if (was_in & (record["block_in_target"][-1] < 0)).any():
         return "pushed_through"
     recent = record["block_positions"][-PATIENCE:, :, :2]
-    if len(recent) == PATIENCE and np.ptp(recent, axis=0).max() < STILL:
-        return "dithering"
-    return "time_out"
+    return "dithering" if len(recent) == PATIENCE and not _moves(recent) else "time_out"
 
 
-def _first_run(flags: Bool[np.ndarray, " t"], blocks: Float[np.ndarray, "t 2 2"]) -> slice | None:
-    """The first stretch of at least `LASTING` true flags that was not made good before the next one or the end."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
-    runs = [(start, stop) for start, stop in edges.reshape(-1, 2) if stop - start >= LASTING]
-    for (start, stop), (end, _) in pairwise([*runs, (len(flags), None)]):
-        if end - stop < PATIENCE or np.ptp(blocks[stop:end], axis=0).max() < STILL:
-            return slice(int(start), int(stop))
+def _first_fault(flags: Bool[np.ndarray, " t"], blocks: Float[np.ndarray, "t 2 2"]) -> int | None:
+    """Where the first fault begins that was not made good before the next one or the end.
+
+    Args:
+        flags: In which steps there is one.
+        blocks: Where the blocks are, xy in [m]; NaN for one that is tipped over or outside of the workspace.
+    """
+    half_a_second = np.convolve(flags, np.ones(LASTING))[LASTING - 1 :] >= LASTING / 2  # From each step on.
+    covered = np.convolve(half_a_second, np.ones(LASTING))[: len(flags)] > 0
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], covered.astype(int), [0]])))
+    within = [start + np.flatnonzero(flags[start:stop]) for start, stop in edges.reshape(-1, 2)]
+    faults = [(int(steps[0]), int(steps[-1]) + 1) for steps in within]
+    for (start, stop), (end, _) in pairwise([*faults, (len(flags), None)]):
+        if end - stop < PATIENCE or not _moves(blocks[stop:end]):
+            return start
     return None
+
+
+def _moves(blocks: Float[np.ndarray, "t 2 *xyz"]) -> bool:
+    """Whether one of the blocks moves, as far as it is known where it is; positions in [m]."""
+    known = [block[~np.isnan(block).any(axis=1)] for block in blocks.swapaxes(0, 1)]
+    return any(len(block) > 0 and np.ptp(block, axis=0).max() >= STILL for block in known)
 
 
 def _start_of_last_run(flags: Bool[np.ndarray, " t"]) -> int:

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.block_push.failure import failure_cause
+from envs.arm.lost_command import arm_state, at_limit, in_contact
+from envs.block_push.failure import PATIENCE, failure_cause, recorded
 from envs.block_push.workspace import CONTROL_FREQUENCY, WORKSPACE
 
 NEAR_BASE, OUTER_REACH = 0.235, 0.54
@@ -40,6 +41,8 @@ class EpisodeOutcome:
     """Plan of the oracle for this scene."""
     failure_cause: str | None
     """One of `envs.block_push.failure.CAUSES`; None if both blocks were placed."""
+    arm_at_end: str
+    """What the arm was at in the last ten seconds, one of `envs.arm.lost_command.ARM_STATES`."""
     share_near_base: float
     """Flange within .235 m of the base axis."""
     share_outer_reach: float
@@ -51,8 +54,12 @@ class EpisodeOutcome:
     tracking_error_mean: float
     """Distance from the commanded to the measured effector, in [m]; likewise the next."""
     tracking_error_max: float
-    self_contact_share: float
-    """Links of the arm in contact."""
+    first_contact_step: int | None
+    """First control step in which links touched each other, the tool or the table, counted from 1; None if none did."""
+    contact_steps: int
+    """Control steps in which they did."""
+    limit_steps: int
+    """Control steps with a joint at a limit that binds."""
     tool_tilt_max: float
     """Of the tool from the vertical, in [rad]."""
 
@@ -65,40 +72,34 @@ def summarize(infos: list[dict]) -> EpisodeOutcome:
     """
     if len(infos) < 2:
         raise ValueError(f"An episode is the info of its reset and of at least one step. Got {len(infos)} infos.")
-    last, steps = infos[-1], infos[1:]
-    record = {key: np.array([info[key] for info in steps]) for key in _RECORDED}
+    last, record = infos[-1], recorded(infos[1:])
     flange = record["flange"][:, :2]
     radius = np.linalg.norm(flange - record["base"][:, :2], axis=1)
     block, target, entry = _first_entry(infos)
+    contact = in_contact(record)
     return EpisodeOutcome(
         score=float(last["score"]),
         p1=bool(last["p1"]),
         p2=bool(last["p2"]),
         success_at_end=bool(last["success_at_end"]),
-        length=len(steps),
+        length=len(infos) - 1,
         first_block=block,
         first_target=target,
         first_entry_s=entry,
         mode=int(infos[0]["mode"]),
         failure_cause=failure_cause(infos, WORKSPACE),
+        arm_at_end=arm_state({name: values[-PATIENCE:] for name, values in record.items()}),
         share_near_base=float((radius < NEAR_BASE).mean()),
         share_outer_reach=float((radius > OUTER_REACH).mean()),
         share_rectangle_a=_share_inside(flange, RECTANGLE_A),
         share_rectangle_b=_share_inside(flange, RECTANGLE_B),
         tracking_error_mean=float(record["tracking_error"].mean()),
         tracking_error_max=float(record["tracking_error"].max()),
-        self_contact_share=float(record["self_contact"].mean()),
+        first_contact_step=int(contact.argmax()) + 1 if contact.any() else None,
+        contact_steps=int(contact.sum()),
+        limit_steps=int(at_limit(record).sum()),
         tool_tilt_max=float(record["tool_tilt"].max()),
     )
-
-
-_RECORDED = (
-    "flange",
-    "base",
-    "tracking_error",
-    "self_contact",
-    "tool_tilt",
-)
 
 
 def _first_entry(infos: list[dict]) -> tuple[int | None, str | None, float | None]:

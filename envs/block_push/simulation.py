@@ -10,6 +10,7 @@ from robosuite.environments.manipulation.manipulation_env import ManipulationEnv
 from robosuite.models.tasks import ManipulationTask
 
 from envs.arm.collision_bounds import tighten_bounds
+from envs.arm.contact import ContactSensors, ContactTime
 from envs.arm.placed_arm import PlacedArm
 from envs.arm.robot_model import register_arm
 from envs.block_push.scene import Scene
@@ -90,6 +91,9 @@ class BlockPushSimulation(ManipulationEnv):
             "viscosity": 0,
         }.items():
             option.set(key, str(value))
+        prefix, (tool,) = robot.robot_model.naming_prefix, robot.gripper["right"].contact_geoms
+        self._sensors = ContactSensors(f"{prefix}base", tool, ["floor"])
+        self._sensors.add_to(self.model.root)
         ET.SubElement(option, "flag", autoreset="disable")  # MuJoCo would start over in silence when it diverges.
 
     def _set_contacts_and_limits(self, arm: ET.Element) -> None:
@@ -112,8 +116,7 @@ class BlockPushSimulation(ManipulationEnv):
             names = self.robots[0].robot_model.joints
             model.jnt_range[[model.joint(name).id for name in names]] = np.stack(self._arm.joint_range, axis=1)
         self.flange = model.body(f"{prefix}right_hand").id
-        arm_root = model.body(f"{prefix}base").id
-        self.arm_geoms = (model.body_rootid[model.geom_bodyid] == arm_root) & (model.geom_contype != 0)
+        self._sensors.find_in(model, self.mj_data)
         self._block_qpos = [model.joint(f"{b.name}_joint0").qposadr[0] for b in self.blocks]
         self._block_bodies = np.array([model.body(f"{b.name}_main").id for b in self.blocks])
         self._tune_servos()
@@ -145,13 +148,23 @@ class BlockPushSimulation(ManipulationEnv):
         data.act[:] = joints
         mujoco.mj_forward(self.mj_model, data)
 
-    def step(self, action: Float[np.ndarray, " dof"]) -> tuple[OrderedDict, float, bool, dict]:
+    def step(
+        self, action: Float[np.ndarray, " dof"], contact: ContactTime | None = None
+    ) -> tuple[OrderedDict, float, bool, dict]:
         """Move the servos' set points evenly to these joint angles, in one control step. Observation and
-        reward are made by `BlockPushEnv`."""
+        reward are made by `BlockPushEnv`.
+
+        Args:
+            action: Joint angles to be at, in [rad].
+            contact: Adds up time in contact; the physics ends where it says that the arm is stopped.
+        """
         robot = self.robots[0]
         robot.composite_controller.set_goal(action)
         robot.control(action)  # Not as a policy step, after which robosuite would update records that nothing reads.
-        mujoco.mj_step(self.mj_model, self.mj_data, SUBSTEPS)
+        for _ in range(SUBSTEPS):
+            mujoco.mj_step(self.mj_model, self.mj_data)
+            if contact is not None and contact.count(self._sensors.read()):
+                break
         mujoco.mj_kinematics(self.mj_model, self.mj_data)
         if not np.isfinite(self.mj_data.qpos).all():
             raise FloatingPointError(f"The physics diverged at {self.mj_data.time:.1f} s; joint targets {action} rad.")
@@ -178,12 +191,6 @@ class BlockPushSimulation(ManipulationEnv):
     def tool_tilt(self) -> float:
         """Angle between the tool and the vertical, in [rad]."""
         return float(np.arccos(min(1.0, -self.mj_data.xmat[self.flange, 8])))
-
-    @property
-    def links_touch(self) -> bool:
-        """Whether two parts of the arm, or the arm and its tool, are in contact."""
-        pairs = self.mj_data.contact.geom
-        return bool(self.arm_geoms[pairs].all(axis=1).any())
 
     @property
     def blocks_xyz(self) -> Float[np.ndarray, "2 3"]:

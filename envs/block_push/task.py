@@ -12,7 +12,7 @@ from envs.block_push.failure import CAUSES
 from envs.block_push.outcome import EpisodeOutcome, summarize
 from envs.block_push.scene import draw_scene
 from envs.block_push.workspace import CONTROL_FREQUENCY, DESCRIPTION, HEIGHT, POSES, WORKSPACE
-from envs.task import Controller, Score, Task, Trait
+from envs.task import Change, Controller, Score, Task, Trait
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
 SPACING = 0.01
@@ -85,7 +85,14 @@ BLOCK_PUSH = Task(
     ),
     ranking=("p2", "success_at_end", "p1", "score"),
     causes=CAUSES,
-    history=(),
+    history=(
+        Change(
+            (),
+            "contact with itself or the table stops an arm and its command keeps within 8 cm of the flange, but in "
+            "`original`; causes are read off a loss's first second, and what the arm touched and was at is told",
+            before="4a68e95",
+        ),
+    ),
     plain_oracle=plain_oracle,
     aware_oracle=aware_oracle,
     shows_pictures=True,
