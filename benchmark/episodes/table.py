@@ -25,7 +25,8 @@ def read_episodes(output_dir: Path, columns: Sequence[str] | None = None) -> pd.
 
 def read_tables(path: Path, task: str | None = None, each_once: bool = True) -> pd.DataFrame:
     """The episodes of a task, or all, in a folder and below it, or in one file; each once, or all rows."""
-    return _read(lambda: parts_below(path), keep=lambda rows: of_task(rows, task) if task else rows, each_once=each_once)
+    keep = (lambda rows: of_task(rows, task)) if task else (lambda rows: rows)
+    return _read(lambda: parts_below(path), keep=keep, each_once=each_once)
 
 
 def read_present(path: Path, task: "Task", each_once: bool = True) -> pd.DataFrame:

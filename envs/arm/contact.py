@@ -1,4 +1,4 @@
-"""Contact of an arm with itself, the table and what stands on it, noticed on every physics step; the stop that it ends in.
+"""Contact of an arm with itself and the table, noticed on every physics step, and the stop that it ends in.
 
 MuJoCo's contact sensors look at each physics step's contacts. Counted are links with each other, the tool with links,
 and links with the table or a fixture; not the tool with the table, and nothing with what is moved.

@@ -47,9 +47,9 @@ class BlockPushEnv(gymnasium.Env):
     """Push two blocks into two targets, one each, with a rod held by an arm. Ten control steps per second.
 
     Action, 2 numbers in [m]: step of the commanded effector in x and y, clipped to 0.1 each; the command adds
-    up and stays in the box x .15 to .70, y -.50 to .50. An arm to which commands come late (`PlacedArm.delay`) does what
-    it was told so long ago; infos are of that command, observations of the present one. The flange is kept at z = .06
-    with the tool upright, or as much higher as its tool is longer.
+    up and stays in the box x .15 to .70, y -.50 to .50. An arm to which commands come late (`PlacedArm.delay`) does
+    what it was told so long ago; infos are of that command, observations of the present one. The flange is kept at
+    z = .06 with the tool upright, or as much higher as its tool is longer.
 
     A real arm is protected, so in the settings `embodied` and `best` the command stays within 0.08 m of the flange, and
     an arm whose links touch each other, its tool or the table for 0.1 s within a second is stopped
