@@ -36,6 +36,8 @@ def test_every_arm_setting_and_kind_of_method_is_among_them():
     assert {row["robot"] for row in rows} == {"xarm6", "ur3", "ur5", "ur10"}
     assert {row["setting"] for row in rows} == {"original", "embodied", "best"}
     assert len(rows) >= 20 and len({row["method"] for row in rows}) >= 16
+    causes = {row["outcome"]["failure_cause"] for row in STORED["rows"]}
+    assert causes >= {None, "outer_reach", "pushed_through", "self_collision"}
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,14 @@ CAUSES = (
 
 
 def failure_cause(infos: list[dict], workspace: Float[np.ndarray, "2 2"]) -> str | None:
-    """Cause of failure of an episode, or None if it succeeded.
+    """Cause of failure of an episode, or None if it succeeded; arguments as `failure` has them."""
+    found = failure(infos, workspace)
+    return found and found[1]
+
+
+def failure(infos: list[dict], workspace: Float[np.ndarray, "2 2"]) -> tuple[int, str] | None:
+    """In which step what an episode failed by began, the last one if that is the policy, and its name; None if it
+    succeeded.
 
     Args:
         infos: Those of the reset and of every step, as `BlockPushEnv` returns them.
@@ -52,12 +59,11 @@ def failure_cause(infos: list[dict], workspace: Float[np.ndarray, "2 2"]) -> str
     if infos[-1]["p2"]:
         return None
     record = recorded(infos)
+    last = len(infos) - 1
     if stop := cause_of_stop(record):
-        return stop
+        return last, stop
     events = [event for event in _events(record, workspace) if event is not None]
-    if events:
-        return min(events)[1]
-    return _policy_cause(record)
+    return min(events, default=(last, _policy_cause(record)))
 
 
 def recorded(infos: list[dict]) -> dict[str, np.ndarray]:
