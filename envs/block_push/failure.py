@@ -107,7 +107,8 @@ def _first_fault(flags: Bool[np.ndarray, " t"], blocks: Float[np.ndarray, "t 2 2
     edges = np.flatnonzero(np.diff(np.concatenate([[0], covered.astype(int), [0]])))
     within = [start + np.flatnonzero(flags[start:stop]) for start, stop in edges.reshape(-1, 2)]
     faults = [(int(steps[0]), int(steps[-1]) + 1) for steps in within]
-    for (start, stop), (end, _) in pairwise([*faults, (len(flags), None)]):
+    end_of_record = (len(flags), len(flags))
+    for (start, stop), (end, _) in pairwise([*faults, end_of_record]):
         if end - stop < PATIENCE or not _moves(blocks[stop:end]):
             return start
     return None
