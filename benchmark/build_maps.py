@@ -5,16 +5,12 @@ python -m benchmark.build_maps robot=ur3
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 
 from benchmark.artifacts.maps import energy_field, robot_map
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.config import EnergyConfig, MapConfig, RobotConfig, check_file, robot_field
-
-if TYPE_CHECKING:
-    from richmap.robots.robot import RobotDescription
 
 
 @dataclass
@@ -41,8 +37,6 @@ class BuildMapsConfig:
 def main(config: BuildMapsConfig) -> None:
     """Build what is missing and say where it is."""
     console, robot, base = Console(), config.robot.load(), (0.0, 0.0, 0.0)
-    if config.robot.name == "custom":
-        console.print(what_is_checked(robot), soft_wrap=True)
     if config.with_field:
         _, path = energy_field(robot, base, config.map, config.energy, config.workers, console)
         console.print(f"Energy field: {path}", soft_wrap=True)
@@ -51,19 +45,6 @@ def main(config: BuildMapsConfig) -> None:
         if config.output is not None:
             built.save(Path(config.output))
             console.print(f"Map: {config.output}", soft_wrap=True)
-
-
-def what_is_checked(robot: "RobotDescription") -> str:
-    """Which links of an arm collide in its map, and which cannot."""
-    from richmap.motion.collision import SelfCollision
-
-    check = SelfCollision(robot)
-    bare = ", ".join(link for link in robot.links if link not in robot.shapes) or "none"
-    touching = ", ".join(f"{a} and {b}" for a, b in check.in_contact) or "none"
-    return (
-        f"Self-collision of {robot.name}: {len(check.pairs)} pairs of links are checked. Left out since they always "
-        f"touch: {touching}. Links without collision shapes: {bare}."
-    )
 
 
 if __name__ == "__main__":

@@ -6,10 +6,10 @@ import pinocchio
 import pytest
 import trimesh
 
-from benchmark.build_maps import what_is_checked
 from richmap.motion.collision import self_collision
 from richmap.motion.kinematics import flange_frames
 from richmap.motion.kinematics_check import check_kinematics
+from richmap.motion.remarks import remarks
 from richmap.motion.sampling import sample_workspace
 from richmap.physics.convex_parts import convex_parts, parts_fingerprint
 from richmap.physics.mujoco_model import arm_spec
@@ -59,7 +59,7 @@ def file(tmp_path):
 
 def test_the_chain_between_the_named_frames_is_what_counts(file):
     robot = custom_robot(file, "base", "flange")
-    assert robot.name == "custom-arm" and robot.joints == ("pan", "lift", "bend")
+    assert robot.name == f"custom-arm-{robot.fingerprint[:8]}" and robot.joints == ("pan", "lift", "bend")
     assert np.allclose(robot.lower, [-np.pi, -2, -2.9]) and np.allclose(robot.upper, [np.pi, 2.8, 2.9])
     position, rotation = flange_frames(robot, np.array([[0.0, 0, 0], [np.pi / 2, np.pi / 2, -np.pi / 2]]))
     assert np.allclose(position, [[0, 0, 1.11], [0, 0.4, 0.71]], atol=1e-6)
@@ -203,7 +203,7 @@ LIFT = '<limit lower="-2" upper="2.8" effort="1" velocity="1"/><dynamics damping
         ('<link name="finger"/>', '<link name="finger"/><link name="fore"/>', "several links are called fore"),
         ('joint name="bend"', 'joint name="lift"', "several joints are called lift"),
         ('joint name="bend"', "joint", "joint number 4 has no name"),
-        ("<gazebo/>", '<x:macro xmlns:x="http://www.ros.org/wiki/xacro"/>', "has xacro macros"),
+        ("<gazebo/>", '<x:macro xmlns:x="http://www.ros.org/wiki/xacro"/>', "cannot be expanded: .*name"),
         ('child link="flange"', 'child link="ee"', "joint 'tip' names a link 'ee' that is not there"),
     ],
 )
@@ -215,12 +215,12 @@ def test_what_a_description_lacks_is_said(file, old, new, message):
 
 def test_what_is_checked_for_self_collision_is_said(file):
     robot = custom_robot(file, "base", "flange")
-    text = what_is_checked(robot)
-    assert "Links without collision shapes: base, flange." in text and "always touch: none" in text
-    pairs = int(re.search(r"(\d+) pairs", text)[1])
+    said = " ".join(remarks(robot))
+    assert "Links without collision shapes: base, flange." in said and "always touch: none" in said
+    pairs = int(re.search(r"(\d+) pairs", said)[1])
     file.write_text(ARM.replace('cylinder radius="0.03" length="0.4"', 'box size="2 2 2"'))
-    text = what_is_checked(custom_robot(file, "base", "flange"))
-    assert "they always touch: foot and fore" in text and int(re.search(r"(\d+) pairs", text)[1]) < pairs
+    said = " ".join(remarks(custom_robot(file, "base", "flange")))
+    assert "they always touch: foot and fore" in said and int(re.search(r"(\d+) pairs", said)[1]) < pairs
 
 
 def test_extensions_in_a_namespace_of_their_own_are_no_macros(file):
@@ -241,7 +241,7 @@ def test_frames_with_nothing_that_moves_between_them_are_refused(file):
 
 
 def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="There is no robot description .*arm.urdf"):
+    with pytest.raises(ValueError, match="There is no file .*arm.urdf"):
         custom_robot(tmp_path / "arm.urdf", "base", "flange")
 
 

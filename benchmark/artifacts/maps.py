@@ -1,6 +1,7 @@
 """Maps."""
 
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,6 +9,7 @@ from rich.console import Console
 
 from benchmark.settings.command import SettingError, check_setting
 from benchmark.settings.config import SOURCE, EnergyConfig, MapConfig
+from richmap.robots import ROBOTS
 
 if TYPE_CHECKING:
     from envs.arm.placed_arm import PlacedArm
@@ -29,6 +31,8 @@ def robot_map(
     """The map of a robot with its base at a point of the world, in [m], built if it is not in the cache."""
     from richmap.maps.cached_map import build_map
 
+    if description.name not in ROBOTS and (said := _grid_remark(description, base, config)):
+        console.print(said, soft_wrap=True)
     if config.device == "cuda":
         import torch
 
@@ -37,6 +41,14 @@ def robot_map(
         return build_map(description, base=base, workers=workers, console=console, **asdict(config))
     except ValueError as error:
         raise SettingError(f"robot={description.name}: {error}") from error
+
+
+@cache
+def _grid_remark(description: "RobotDescription", base: tuple[float, float, float], config: MapConfig) -> str | None:
+    """What the map cuts off or leaves empty, if anything."""
+    from richmap.motion.remarks import grid_remark
+
+    return grid_remark(description, config.half_width, (-base[0], -base[1], config.z_offset - base[2]))
 
 
 def compared_maps(

@@ -4,7 +4,7 @@ import math
 import os
 import re
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
@@ -46,16 +46,25 @@ class RobotConfig:
     name: str = "xarm6"
     """One of the arms that are known, or custom."""
     path: str = ""
-    """With robot=custom: URDF or MJCF (.xml) file of the arm."""
+    """With robot=custom: URDF, xacro or MJCF (.xml) file of the arm."""
     base: str = ""
     """With robot=custom: the link or body that is fixed to the world; its frame is the base frame."""
     end_effector: str = ""
-    """With robot=custom: the link, body or site whose +z is the approach direction."""
+    """With robot=custom: the link, body or site that carries the tool."""
+    approach: str = "z"
+    """With robot=custom: the axis of the end effector that is the approach direction: x, y, z, -x, -y or -z."""
+    srdf: str = ""
+    """With robot=custom: SRDF file that says which pairs of links never touch; empty for none."""
+    ignore: list[list[str]] = field(default_factory=list, hash=False)
+    """With robot=custom: further pairs of links that are not checked for collision, as in [[base,hand],[base,arm]]."""
 
     def __post_init__(self) -> None:
-        for name in ("path", "base", "end_effector"):
+        needed = ("path", "base", "end_effector")
+        for name in (*needed, "approach", "srdf", "ignore"):
             value, custom = getattr(self, name), self.name == "custom"
-            if custom and not value:
+            if value == "z":
+                continue
+            if custom and not value and name in needed:
                 raise SettingError(
                     f"robot=custom needs robot.{name}. Give all of: robot=custom robot.path=robot.urdf "
                     "robot.base=<link> robot.end_effector=<link>."
@@ -64,7 +73,7 @@ class RobotConfig:
                 raise SettingError(f"robot.{name}={value} goes with robot=custom. Here robot={self.name}.")
 
     def load(self) -> "RobotDescription":
-        """Description of the arm.
+        """Description of the arm; what is worth knowing of one that does not ship is printed.
 
         Raises:
             SettingError: If a custom arm lacks something.
@@ -75,9 +84,19 @@ class RobotConfig:
         if self.name != "custom":
             return load_robot(self.name)
         try:
-            return custom_robot(self.path, self.base, self.end_effector)
+            robot = custom_robot(self.path, self.base, self.end_effector, self.approach, self.srdf or None, self.ignore)
         except ValueError as error:
             raise SettingError(f"robot=custom: {error}") from error
+        _introduce(robot)
+        return robot
+
+
+@cache
+def _introduce(robot: "RobotDescription") -> None:
+    """Say once what was left out of an arm's file, or taken for granted."""
+    from richmap.motion.remarks import remarks
+
+    print(f"{robot.name}:", *remarks(robot), sep="\n  ")
 
 
 def robot_field(default: str, choices: tuple[str, ...] = (*ROBOTS, "custom")) -> RobotConfig:

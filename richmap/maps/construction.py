@@ -21,8 +21,9 @@ from richmap.files import FileRefusedError
 from richmap.geometry.grid import Grid
 from richmap.maps.insertion import Inserter
 from richmap.maps.reachability_map import Construction, ReachabilityMap
+from richmap.motion.collision import SelfCollision, adopt, self_collision
 from richmap.motion.kinematics_check import check_kinematics
-from richmap.motion.sampling import Orbits, roll_gap, sample_workspace, way_about_base_z
+from richmap.motion.sampling import Orbits, roll_gap, sample_workspace, way_about_z
 from richmap.robots.robot import RobotDescription
 from richmap.worker import start_worker, worker_pool
 
@@ -252,7 +253,7 @@ def _draws(robot: RobotDescription, construction: Construction, workers: int, fi
     slots, context = 2 * workers + 1, get_context("spawn")
     size = slots * construction.draw
     buffers = [context.RawArray("b", size * dtype.itemsize * width) for dtype, width in _fields(robot, construction)]
-    with worker_pool(workers, _start_sampler, (robot, construction, buffers)) as pool:
+    with worker_pool(workers, _start_sampler, (robot, construction, buffers, self_collision(robot))) as pool:
         yield _drawn(pool, _views(buffers, robot, construction), slots, first)
         pool.shutdown(cancel_futures=True)
 
@@ -261,17 +262,17 @@ def _drawn(pool: ProcessPoolExecutor, views: list[np.ndarray], slots: int, first
     """What the workers draw into slots of shared memory, ahead of whoever reads it."""
     queue = deque(pool.submit(_draw, i, i % slots) for i in range(first, first + slots - 1))
     for i in count(first):
-        free, lower, way = queue.popleft().result()
+        free, lower, way, centre = queue.popleft().result()
         ahead = i + slots - 1
         queue.append(pool.submit(_draw, ahead, ahead % slots))
         joints, *vectors, turns = (view[i % slots, :free] for view in views)
         position, direction, gap_axis = vectors
-        yield Orbits(joints, position, direction, gap_axis, turns, lower, way)
+        yield Orbits(joints, position, direction, gap_axis, turns, lower, way, centre)
 
 
 def _fields(robot: RobotDescription, construction: Construction) -> list[tuple[np.dtype, int]]:
     """Type and width of the arrays of `Orbits`, in their order."""
-    turns = construction.turns if way_about_base_z(robot) else 1
+    turns = construction.turns if way_about_z(robot)[0] else 1
     return [(np.dtype(np.float32), n) for n in (len(robot.joints), 3, 3, 3)] + [(np.dtype(bool), turns)]
 
 
@@ -288,20 +289,21 @@ _sampler: tuple[RobotDescription, Construction, list[np.ndarray]]
 """What a worker process draws, and where to."""
 
 
-def _start_sampler(robot: RobotDescription, construction: Construction, buffers: list) -> None:
+def _start_sampler(robot: RobotDescription, construction: Construction, buffers: list, check: SelfCollision) -> None:
     global _sampler  # of this worker process
     start_worker()
+    adopt(robot, check)
     _sampler = robot, construction, _views(buffers, robot, construction)
 
 
-def _draw(index: int, slot: int) -> tuple[int, float, int]:
+def _draw(index: int, slot: int) -> tuple[int, float, int, tuple[float, float]]:
     """Draw orbits into a slot; how many, and what they share."""
     robot, construction, views = _sampler
     orbits = _sample(robot, construction, index)
     arrays = orbits.joints, orbits.position, orbits.direction, orbits.gap_axis, orbits.free
     for view, array in zip(views, arrays, strict=True):
         view[slot, : len(array)] = array
-    return len(orbits.joints), orbits.lower, orbits.way
+    return len(orbits.joints), orbits.lower, orbits.way, orbits.centre
 
 
 def _sample(robot: RobotDescription, construction: Construction, index: int) -> Orbits:

@@ -26,7 +26,7 @@ from richmap.motion.sampling import Orbits
 
 
 class Poses(NamedTuple):
-    """Orbits as compiled loops read them; cosine and sine of each turn about the base's z axis in `turns`."""
+    """Orbits as compiled loops read them, positions seen from their centre; cosine and sine of each turn in `turns`."""
 
     joints: Float[np.ndarray, "n dof"]
     position: Float[np.ndarray, "n 3"]
@@ -155,7 +155,11 @@ class Inserter:
             target: Where to stop, in rows; what of the batch comes after is as if it had not been offered. 0: nowhere.
         """
         poses = _turned_poses(orbits)
-        met, cells = self._phase_1.meet(orbits) if self._phase_1 else _meet_stored(poses, self.grid.cells, self._bins)
+        if self._phase_1:
+            met, cells = self._phase_1.meet(orbits)
+        else:
+            seen = self.grid.moved(np.array([*orbits.centre, 0]))  # from the first axis, as the poses are
+            met, cells = _meet_stored(poses, seen.cells, self._bins)
         stored, inserted = _insert_in_order(met, cells, poses, self._bins, self._rows, self.inserted, target or -1)
         if self._rows.gap:
             _add_rolls(met, stored, cells, poses, self._bins, self._rows)
@@ -223,7 +227,8 @@ def _small_pages(shape: tuple[int, int]) -> UInt[np.ndarray, "cells bins"]:
 def _turned_poses(orbits: Orbits) -> Poses:
     angle = orbits.way * 2 * np.pi / orbits.turns * np.arange(orbits.turns)
     turns = np.stack([np.cos(angle), np.sin(angle)], 1).astype(np.float32)
-    return Poses(orbits.joints, orbits.position, orbits.direction, orbits.gap_axis, orbits.free, turns)
+    position = orbits.position - np.array([*orbits.centre, 0], dtype=np.float32)
+    return Poses(orbits.joints, position, orbits.direction, orbits.gap_axis, orbits.free, turns)
 
 
 @numba.njit(cache=True, inline="always")

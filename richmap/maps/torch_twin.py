@@ -95,7 +95,9 @@ class TorchPhase1:
             for array in (orbits.position, orbits.direction, orbits.free)
         )
         angle = orbits.way * 2 * np.pi / orbits.turns * torch.arange(orbits.turns, device=self._device)
-        position, direction = (_turned(vectors, angle.float()) for vectors in (position, direction))  # (n, turns, 3)
+        centre = torch.tensor([*orbits.centre, 0.0], device=self._device)
+        position, direction = (_turned(vectors, angle.float()) for vectors in (position - centre, direction))
+        position = position + centre  # (n, turns, 3)
         cell = torch.where(free.ravel(), _cells_of(self._grid, position.reshape(-1, 3)), -1)
         order = torch.argsort(cell, stable=True)
         order = order[cell[order] >= 0]

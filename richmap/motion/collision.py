@@ -2,8 +2,8 @@
 
 import tempfile
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import coal
 import numpy as np
@@ -35,9 +35,9 @@ CELLS = 4096
 class SelfCollision:
     """Tells which configurations make two links of an arm intersect, triangle against triangle.
 
-    Checked are all pairs of links but neighbours in the chain (they overlap inside their joint) and pairs in permanent
-    contact: of 2,000 configurations drawn uniformly within the joint limits with seed 0, at least 99 % touch.
-    Neighbours are links with at most one joint between them that moves.
+    Checked are the arm's `pairs` of links, which leave out neighbours in the chain (they overlap inside their joint),
+    but for those in permanent contact: of 2,000 configurations drawn uniformly within the joint limits with seed 0, at
+    least 99 % touch. Neighbours are links with at most one joint between them that moves.
     """
 
     def __init__(self, robot: RobotDescription) -> None:
@@ -46,13 +46,18 @@ class SelfCollision:
         self._pools: dict[int, pinocchio.GeometryPool] = {}
         self._objects = {link: self._geometry_ids(link) for link in robot.shapes}
         links, depth = list(robot.shapes), robot.depth
-        self.pairs = [(a, b) for a in links for b in links if depth[b] - depth[a] >= 2]
+        self.pairs = [*robot.pairs]
 
         rng = np.random.default_rng(0)
         joints = rng.uniform(robot.lower, robot.upper, (2000, len(robot.joints)))
-        touching = self.pair_hits(joints).mean(0)
+        hits = self.pair_hits(joints)
+        touching = hits.mean(0)
         self.in_contact = [p for p, rate in zip(self.pairs, touching, strict=True) if rate >= PERMANENT_CONTACT]
         """Pairs of links that are not checked since they always touch."""
+        self.touching = dict(zip(self.pairs, touching.tolist(), strict=True))
+        """In which share of the configurations each pair touches."""
+        self.free_share = float((~hits[:, touching < PERMANENT_CONTACT].any(1)).mean())
+        """Share of the configurations that are free of self-collision."""
         self.pairs = [pair for pair in self.pairs if pair not in self.in_contact]
 
         moving = tuple(link for link in links if depth[link] > 0)
@@ -63,6 +68,9 @@ class SelfCollision:
         self._with_base = self._checking(base_pairs)
         self._near_base = list(dict.fromkeys(b for _, b in base_pairs))
         self._split_base(robot, {a for a, _ in base_pairs})
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_pools": {}}  # They are known by the identity of their geometries.
 
     def __call__(self, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, " n"]:
         """Whether each configuration, in [rad], is in self-collision."""
@@ -87,6 +95,8 @@ class SelfCollision:
             turns: A power of two.
         """
         free = np.ones((len(joints), turns), dtype=bool)
+        if turns == 1:
+            return free
         near = np.flatnonzero(self._meets_envelope(joints))
         core = self._any_hit(self._core, joints[near])
         free[near[core]] = False
@@ -243,16 +253,25 @@ class SelfCollision:
         return _with_pairs(geometry, [(i, j) for i in added for link in links for j in self._objects[link]])
 
 
-@lru_cache
+_checks: dict[RobotDescription, SelfCollision] = {}
+
+
 def self_collision(robot: RobotDescription) -> SelfCollision:
     """The robot's collision checker, built once per process."""
-    return SelfCollision(robot)
+    if robot not in _checks:
+        _checks[robot] = SelfCollision(robot)
+    return _checks[robot]
+
+
+def adopt(robot: RobotDescription, check: SelfCollision) -> None:
+    """Take over the robot's collision checker from another process, as building it takes seconds."""
+    _checks[robot] = check
 
 
 def _collision_geometry(robot: RobotDescription, model: pinocchio.Model) -> pinocchio.GeometryModel:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "robot.urdf")
-        file.write_text(robot.urdf)
+        file.write_text(robot.urdf, encoding="utf-8")
         return pinocchio.buildGeomFromUrdf(model, str(file), pinocchio.GeometryType.COLLISION)
 
 

@@ -15,8 +15,9 @@ from richmap.robots.robot import RobotDescription
 class Orbits:
     """Flange poses of free configurations, and at which angles of joint 1 each of them is free as well.
 
-    Turn k adds k / turns of a full circle to joint 1 and turns the flange about the base frame's z axis by `way` times
-    as much. An arm whose first axis is another one has one turn per configuration.
+    Turn k adds k / turns of a full circle to joint 1 and turns the flange by `way` times as much about the first axis,
+    which is parallel to the base frame's z axis and passes through `centre`. An arm whose first axis is not parallel to
+    it has one turn per configuration.
     """
 
     joints: Float[np.ndarray, "n dof"]
@@ -32,7 +33,9 @@ class Orbits:
     lower: float
     """Lower limit of joint 1, in [rad]."""
     way: int
-    """How joint 1 turns the arm about the base frame's z axis: 1 counter-clockwise, -1 clockwise, 0 not about it."""
+    """How joint 1 turns the arm, seen from above: 1 counter-clockwise, -1 clockwise, 0 about an axis that leans."""
+    centre: tuple[float, float] = (0.0, 0.0)
+    """Where the first axis passes through the base frame's xy plane, in [m]."""
 
     @property
     def turns(self) -> int:
@@ -46,7 +49,9 @@ class Orbits:
         joints = self.joints[of]
         joints[:, 0] = np.where(turn > 0, self.lower + (joints[:, 0] + angle - self.lower) % (2 * np.pi), joints[:, 0])
         by = self.way * angle
-        return _rotate_about_z(self.position[of], by), _rotate_about_z(self.direction[of], by), joints
+        centre = np.array([*self.centre, 0], dtype=np.float32)
+        position = _rotate_about_z(self.position[of] - centre, by) + centre
+        return position, _rotate_about_z(self.direction[of], by), joints
 
 
 def sample_workspace(
@@ -58,7 +63,7 @@ def sample_workspace(
     where it is known to stay free (orbit sampling; `SelfCollision.free_turns`). Joint 1 being uniform, so are they.
 
     Args:
-        robot: The arm; orbit sampling is used if its first axis is the base frame's z axis, up or down.
+        robot: The arm; orbit sampling is used if its first axis is parallel to the base frame's z axis.
         rng: Source of randomness.
         configurations: Number of configurations to draw.
         turns: Angles of joint 1 per configuration, a power of two; 1 switches orbit sampling off.
@@ -70,7 +75,7 @@ def sample_workspace(
     if ground is not None:
         joints = joints[lowest_points(robot, joints) >= ground]
     position, rotation = flange_frames(robot, joints)
-    way = way_about_base_z(robot)
+    way, centre = way_about_z(robot)
     if way == 0:
         turns = 1
     free = check.free_turns(joints, turns)
@@ -85,6 +90,7 @@ def sample_workspace(
         free,
         float(robot.lower[0]),
         way,
+        centre,
     )
 
 
@@ -94,11 +100,16 @@ def within_limits(robot: RobotDescription, angle: Float[np.ndarray, " n"]) -> Bo
     return (angle - lower) % (2 * np.pi) <= upper - lower
 
 
-def way_about_base_z(robot: RobotDescription) -> int:
-    """How joint 1 turns the arm about the base frame's z axis: 1 counter-clockwise, -1 clockwise, 0 not about it."""
+def way_about_z(robot: RobotDescription) -> tuple[int, tuple[float, float]]:
+    """How joint 1 turns the arm, seen from above, and about which point of the base frame's xy plane, in [m].
+
+    1 is counter-clockwise, -1 clockwise, and 0 about an axis that is not parallel to the base frame's z axis.
+    """
     first = joint_frames(robot)[0]  # the frame whose z axis is joint 1's
-    on_axis = np.allclose(first[:2, 3], 0, atol=1e-5) and np.allclose(first[:2, 2], 0, atol=1e-5)
-    return round(first[2, 2]) if on_axis else 0
+    if not np.allclose(first[:2, 2], 0, atol=1e-5):
+        return 0, (0.0, 0.0)
+    on_axis = np.allclose(first[:2, 3], 0, atol=1e-5)
+    return round(first[2, 2]), (0.0, 0.0) if on_axis else (float(first[0, 3]), float(first[1, 3]))
 
 
 def roll_gap(robot: RobotDescription) -> float | None:
@@ -108,12 +119,16 @@ def roll_gap(robot: RobotDescription) -> float | None:
     flange along the approach direction, or turns through less than half a circle (two gaps may then overlap in two
     pieces).
     """
-    last = joint_frames(robot)[-1]  # the flange seen from the frame whose z axis is the last joint's
     width = 2 * np.pi - (robot.upper[-1] - robot.lower[-1])
-    along = np.allclose(last[:2, 3], 0, atol=1e-4) and np.allclose(np.abs(last[2, 2]), 1, atol=1e-6)
-    if not along or width >= np.pi:
+    if not roll_about_approach(robot) or width >= np.pi:
         return None
     return max(float(width), 0.0)
+
+
+def roll_about_approach(robot: RobotDescription) -> bool:
+    """Whether the last joint does nothing but roll the flange: its axis is the approach direction's line."""
+    last = joint_frames(robot)[-1]  # the flange seen from the frame whose z axis is the last joint's
+    return bool(np.allclose(last[:2, 3], 0, atol=1e-4) and np.allclose(np.abs(last[2, 2]), 1, atol=1e-6))
 
 
 def _gap_axes(

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from richmap.motion.kinematics import flange_frames
-from richmap.motion.sampling import way_about_base_z
+from richmap.motion.sampling import way_about_z
 from richmap.robots.robot import RobotDescription
 
 FREE_TURN = np.radians(300)
@@ -49,7 +49,8 @@ class TurnedCells:
         """
         turn = robot.upper[0] - robot.lower[0]
         instead = "Use a map of positions and directions: richmap.maps.construction."
-        if way_about_base_z(robot) == 0:
+        way, centre = way_about_z(robot)
+        if way == 0 or centre != (0.0, 0.0):
             raise NoTurnError(f"Joint 1 of {robot.name} does not turn it about the base frame's z axis. {instead}")
         if turn < FREE_TURN:
             raise NoTurnError(

@@ -1,6 +1,7 @@
 """An arm as a MuJoCo model: the URDF's bodies and joints, convex parts that collide, meshes that are seen."""
 
 import xml.etree.ElementTree as ET
+from itertools import product
 
 import mujoco
 import numpy as np
@@ -34,7 +35,8 @@ def arm_spec(robot: RobotDescription, visual: bool = False) -> mujoco.MjSpec:
     as they are.
     """
     spec = kinematic_spec(robot)
-    for link, hulls in convex_parts(robot).items():
+    parts = convex_parts(robot)
+    for link, hulls in parts.items():
         for i, vertices in enumerate(hulls):
             mesh = spec.add_mesh(name=f"{link}_part{i}", uservert=vertices.ravel())
             spec.body(link).add_geom(
@@ -45,11 +47,15 @@ def arm_spec(robot: RobotDescription, visual: bool = False) -> mujoco.MjSpec:
                 mass=0,
             )
     links = list(robot.shapes)
-    checked = set(self_collision(robot).pairs)
+    checked = self_collision(robot).pairs
     for i, a in enumerate(links):
         for b in links[i + 1 :]:
             if (a, b) not in checked:
                 spec.add_exclude(bodyname1=a, bodyname2=b)
+    for a, b in checked:
+        if robot.depth[b] - robot.depth[a] == 1:  # MuJoCo leaves these out, unless it is told of each.
+            for i, j in product(range(len(parts[a])), range(len(parts[b]))):
+                spec.add_pair(geomname1=f"{a}_part{i}", geomname2=f"{b}_part{j}")
     if visual:
         _add_visual_meshes(spec, robot)
     return spec

@@ -1,11 +1,15 @@
 """MJCF to URDF: bodies become links, hinges revolute joints, geoms that collide collision shapes, sites frames."""
 
 import xml.etree.ElementTree as ET
+from itertools import combinations
 from pathlib import Path
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
+
+from richmap.robots.contacts import Pairs
+from richmap.robots.origin import add_origin, number_text
 
 _GEOM = mujoco.mjtGeom
 _JOINT_TYPE = {mujoco.mjtJoint.mjJNT_SLIDE: "prismatic", mujoco.mjtJoint.mjJNT_BALL: "floating",
@@ -16,11 +20,17 @@ LEAST_MASS, LEAST_INERTIA = 0.001, 1e-6
 
 
 def urdf_from_mjcf(path: Path) -> str:
-    """URDF text with the same frames, joints, masses and collision shapes.
+    """URDF text with the same frames, joints, masses and collision shapes; see `read_mjcf`."""
+    return read_mjcf(path)[0]
+
+
+def read_mjcf(path: Path) -> tuple[str, Pairs]:
+    """URDF text with the same frames, joints, masses and collision shapes, and pairs of bodies that never collide.
 
     A hinge without a range turns without end and becomes a continuous joint. Geoms that can collide with nothing
-    (contype and conaffinity 0) are looks and are left out, also of the masses. A capsule becomes a cylinder and two
-    spheres.
+    (contype and conaffinity 0, and in no `<pair>`) are looks and are left out, also of the masses. A capsule becomes a
+    cylinder and two spheres. Bodies never collide that the file excludes, or none of whose geoms may by their contype
+    and conaffinity, unless a `<pair>` says that some do.
 
     Raises:
         ValueError: If MuJoCo cannot read the file, a mesh is missing, or a shape has no counterpart in URDF.
@@ -52,14 +62,32 @@ def urdf_from_mjcf(path: Path) -> str:
             _add_joint(robot, f"{site.name}_fixed", "fixed", parent, site.name, _pose(site.pos, site.quat))
             ET.SubElement(robot, "link", name=site.name)
     _mark_coupled(robot, model)
-    return ET.tostring(robot, encoding="unicode")
+    return ET.tostring(robot, encoding="unicode"), _apart(model, names)
+
+
+def _apart(model: mujoco.MjModel, names: list[str]) -> Pairs:
+    """Pairs of bodies with geoms, none of which may touch."""
+    kind, meets = model.geom_contype, model.geom_conaffinity
+    body = {i: np.flatnonzero(model.geom_bodyid == i) for i in np.unique(model.geom_bodyid)}
+    excluded = {(int(signature) >> 16, int(signature) & 0xFFFF) for signature in model.exclude_signature}
+    paired = zip(model.geom_bodyid[model.pair_geom1], model.geom_bodyid[model.pair_geom2], strict=True)
+    explicit = {frozenset(map(int, pair)) for pair in paired}
+    apart = set()
+    for i, j in combinations(body, 2):
+        one, other = body[i][:, None], body[j][None]
+        allowed = bool(((kind[one] & meets[other]) | (kind[other] & meets[one])).any())
+        allowed &= (i, j) not in excluded and (j, i) not in excluded
+        if not allowed and frozenset((i, j)) not in explicit:
+            apart.add(frozenset((names[i], names[j])))
+    return apart
 
 
 def _strip_looks(spec: mujoco.MjSpec, path: Path) -> dict[str, tuple[Path, Float[np.ndarray, "4 4"]]]:
     """Delete what is only seen; of the meshes that stay the files and where the model has them, by mesh."""
+    paired = {name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}
     for geom in spec.geoms:
         geom.material = ""
-        if geom.contype == 0 and geom.conaffinity == 0:
+        if geom.contype == 0 and geom.conaffinity == 0 and geom.name not in paired:
             spec.delete(geom)
     for looks in [*spec.materials, *spec.textures, *spec.skins, *spec.keys]:
         spec.delete(looks)
@@ -70,7 +98,8 @@ def _strip_looks(spec: mujoco.MjSpec, path: Path) -> dict[str, tuple[Path, Float
         if name not in used:
             spec.delete(mesh)
             continue
-        file = (path.parent / spec.meshdir / mesh.file).resolve()
+        inside = Path(mesh.file).name if spec.strippath else mesh.file
+        file = (path.parent / spec.meshdir / inside).resolve()
         if not mesh.file:
             raise ValueError(f"mesh {name!r} has no file. Save its vertices as STL or OBJ.")
         if not file.is_file():
@@ -101,10 +130,10 @@ def _add_joints(robot: ET.Element, model: mujoco.MjModel, body: int, parent: str
         kind = _JOINT_TYPE.get(model.jnt_type[joint])
         limited = model.jnt_limited[joint]
         element = _add_joint(robot, joint_name, kind or ("revolute" if limited else "continuous"), parent, moved, place)
-        ET.SubElement(element, "axis", xyz=_text(model.jnt_axis[joint]))
+        ET.SubElement(element, "axis", xyz=number_text(model.jnt_axis[joint]))
         if limited and kind is None:
             # MJCF's zero is where the file draws the arm, whatever `ref` calls that angle.
-            lower, upper = _text(model.jnt_range[joint] - model.qpos0[model.jnt_qposadr[joint]]).split()
+            lower, upper = number_text(model.jnt_range[joint] - model.qpos0[model.jnt_qposadr[joint]]).split()
             ET.SubElement(element, "limit", lower=lower, upper=upper, effort="0", velocity="0")
         if moved != name:
             ET.SubElement(robot, "link", name=moved)
@@ -117,7 +146,7 @@ def _add_joint(
     robot: ET.Element, name: str, kind: str, parent: str, child: str, pose: Float[np.ndarray, "4 4"]
 ) -> ET.Element:
     joint = ET.SubElement(robot, "joint", name=name, type=kind)
-    _add_origin(joint, pose)
+    add_origin(joint, pose)
     ET.SubElement(joint, "parent", link=parent)
     ET.SubElement(joint, "child", link=child)
     return joint
@@ -167,7 +196,7 @@ def _between(model: mujoco.MjModel, first: int, second: int) -> list[int]:
 
 def _add_inertial(link: ET.Element, model: mujoco.MjModel, body: int) -> None:
     inertial = ET.SubElement(link, "inertial")
-    _add_origin(inertial, _pose(model.body_ipos[body], model.body_iquat[body]))
+    add_origin(inertial, _pose(model.body_ipos[body], model.body_iquat[body]))
     ET.SubElement(inertial, "mass", value=repr(float(model.body_mass[body])))
     ixx, iyy, izz = (repr(float(x)) for x in model.body_inertia[body])
     ET.SubElement(inertial, "inertia", ixx=ixx, ixy="0", ixz="0", iyy=iyy, iyz="0", izz=izz)
@@ -186,9 +215,9 @@ def _add_shape(
         # MuJoCo moves a mesh into its principal axes: undo it, since the file is what is named.
         file, reference = files[model.mesh(mesh).name]
         pose = pose @ np.linalg.inv(_pose(model.mesh_pos[mesh], model.mesh_quat[mesh])) @ reference
-        _add_collision(link, pose, "mesh", filename=str(file), scale=_text(model.mesh_scale[mesh]))
+        _add_collision(link, pose, "mesh", filename=str(file), scale=number_text(model.mesh_scale[mesh]))
     elif kind == _GEOM.mjGEOM_BOX:
-        _add_collision(link, pose, "box", size=_text(2 * model.geom_size[geom]))
+        _add_collision(link, pose, "box", size=number_text(2 * model.geom_size[geom]))
     elif kind == _GEOM.mjGEOM_SPHERE:
         _add_collision(link, pose, "sphere", radius=size[0])
     elif kind in (_GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_CAPSULE):
@@ -206,14 +235,8 @@ def _add_shape(
 
 def _add_collision(link: ET.Element, pose: Float[np.ndarray, "4 4"], tag: str, **attributes: str) -> None:
     collision = ET.SubElement(link, "collision")
-    _add_origin(collision, pose)
+    add_origin(collision, pose)
     ET.SubElement(ET.SubElement(collision, "geometry"), tag, attributes)
-
-
-def _add_origin(element: ET.Element, pose: Float[np.ndarray, "4 4"]) -> None:
-    """Rounded to 1e-12 m and rad, so that a description is the same text however a processor rounds products."""
-    xyz, rpy = (_text(np.round(part, 12) + 0.0) for part in (pose[:3, 3], _roll_pitch_yaw(pose[:3, :3])))
-    ET.SubElement(element, "origin", xyz=xyz, rpy=rpy)
 
 
 def _pose(position: np.ndarray | list[float], quaternion: np.ndarray | list[float]) -> Float[np.ndarray, "4 4"]:
@@ -224,16 +247,3 @@ def _pose(position: np.ndarray | list[float], quaternion: np.ndarray | list[floa
     pose[:3, :3] = turn.reshape(3, 3)
     pose[:3, 3] = position
     return pose
-
-
-def _roll_pitch_yaw(turn: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
-    """Angles about the fixed x, y, z axes, in that order, in [rad]; yaw 0 where pitch is +-90 degrees."""
-    cosine = np.hypot(turn[0, 0], turn[1, 0])
-    pitch = np.arctan2(-turn[2, 0], cosine)
-    if cosine < 1e-9:
-        return np.array([np.arctan2(-turn[1, 2], turn[1, 1]), pitch, 0.0])
-    return np.array([np.arctan2(turn[2, 1], turn[2, 2]), pitch, np.arctan2(turn[1, 0], turn[0, 0])])
-
-
-def _text(numbers: Float[np.ndarray, "..."]) -> str:
-    return " ".join(repr(float(x)) for x in numbers)

@@ -1,8 +1,9 @@
 """What an arm is: one URDF text, with base and flange named, that every stage reads."""
 
 import hashlib
+import json
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RobotDescription:
-    """A serial arm with revolute joints, from its base to its flange.
+    """A serial arm with revolute joints, from its base to its flange, and what is fixed to its links.
 
     The same text feeds pytorch-kinematics (`chain`), the self-collision check and the simulated robot
     (`richmap.physics.mujoco_model.arm_spec`).
@@ -34,14 +35,17 @@ class RobotDescription:
     source: str
     """Package and version that the description was read from."""
     licence: str
+    unchecked: tuple[tuple[str, str], ...] = ()
+    """Pairs of links that are not checked for collision, in the order of `shapes`."""
+    notes: tuple[str, ...] = field(default=(), compare=False)
+    """What was left out or taken for granted when it was read, one sentence each."""
 
     @cached_property
     def links(self) -> tuple[str, ...]:
         """Links from base to flange, in order, fixed ones included."""
-        parent = {j.find("child").get("link"): j.find("parent").get("link") for j in self._root.iter("joint")}
         links = [self.end_effector]
         while links[-1] != self.base:
-            links.append(parent[links[-1]])
+            links.append(self._parent[links[-1]])
         return tuple(reversed(links))
 
     @cached_property
@@ -61,18 +65,39 @@ class RobotDescription:
 
     @cached_property
     def depth(self) -> dict[str, int]:
-        """How many joints move each link of the chain; 0 for the base and what is fixed to it."""
+        """How many joints move each link; 0 for the base and what is fixed to it."""
         moving = np.cumsum([joint.get("type") != "fixed" for joint in self._joint_before])
-        return dict(zip(self.links, (0, *moving.tolist()), strict=True))
+        depth = dict(zip(self.links, (0, *moving.tolist()), strict=True))
+        return depth | {link: depth[self._parent[link]] for link in self.beside}
+
+    @cached_property
+    def beside(self) -> tuple[str, ...]:
+        """Links that are not on the chain but fixed to one of its links."""
+        return tuple(link for link in self._parent if link not in self.links)
 
     @cached_property
     def shapes(self) -> dict[str, tuple[Shape, ...]]:
-        """Collision shapes of each link of the chain that has some, from base to flange."""
+        """Collision shapes of each link that has some, from base to flange."""
         shapes = {
             link.get("name"): tuple(Shape.from_urdf(collision) for collision in link.findall("collision"))
             for link in self._root.iter("link")
         }
-        return {link: shapes[link] for link in self.links if shapes[link]}
+        links = sorted([*self.links, *self.beside], key=self.depth.__getitem__)
+        return {link: shapes[link] for link in links if shapes[link]}
+
+    @cached_property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of links that may collide: two or more joints move the one against the other.
+
+        Of a link beside the chain one joint is enough, as it is no neighbour inside that joint. Without `unchecked`.
+        """
+        beside, apart = {*self.beside}, {*self.unchecked}
+        return tuple(
+            (a, b)
+            for a in self.shapes
+            for b in self.shapes
+            if self.depth[b] - self.depth[a] >= (1 if {a, b} & beside else 2) and (a, b) not in apart
+        )
 
     @cached_property
     def fingerprint(self) -> str:
@@ -81,7 +106,8 @@ class RobotDescription:
         files = {str(shape.file) for shapes in self.shapes.values() for shape in shapes if shape.file}
         for file in sorted(files, key=len, reverse=True):  # One name may begin another.
             text = text.replace(file, hashlib.sha256(Path(file).read_bytes()).hexdigest())
-        return hashlib.sha256("\n".join([text, self.base, self.end_effector]).encode()).hexdigest()
+        unchecked = [json.dumps(self.unchecked)] if self.unchecked else []
+        return hashlib.sha256("\n".join([text, self.base, self.end_effector, *unchecked]).encode()).hexdigest()
 
     def turned(self, yaw: float) -> "RobotDescription":
         """The same arm on a base that is turned about z, in [rad]: its base frame is parallel to the world's again."""
@@ -114,6 +140,10 @@ class RobotDescription:
     @cached_property
     def _root(self) -> ET.Element:
         return ET.fromstring(self.urdf)
+
+    @cached_property
+    def _parent(self) -> dict[str, str]:
+        return {j.find("child").get("link"): j.find("parent").get("link") for j in self._root.iter("joint")}
 
     @cached_property
     def _joint_before(self) -> list[ET.Element]:

@@ -6,6 +6,7 @@
 - `package`: distribution that `file` is a file of; without one it is relative to the arm's own file, and checked.
 - `file`: URDF, xacro (`.xacro`) or MJCF (`.xml`).
 - `base`, `end_effector`: link that is fixed to the world, and flange, whose +z is the approach direction.
+- `approach`, `srdf`, `ignore`: as in `custom_robot`, of a file without a package.
 - `packages`: folder, in the same distribution, in which meshes `package://...` are looked for.
 - `source`, `licence`: what is said about it.
 - `origins`: for child links, the xyz in [m] and rpy in [rad] of the joints that carry them, in place of the file's.
@@ -31,7 +32,7 @@ from richmap.robots.urdf import clean_urdf, with_full_turns, with_origins, witho
 
 KEYS = {
     "package", "file", "base", "end_effector", "packages", "source", "licence", "origins", "collision", "full_turns",
-    "extras", "branches", "settings",
+    "extras", "branches", "settings", "approach", "srdf", "ignore",
 }  # fmt: skip
 
 
@@ -75,7 +76,7 @@ class RobotFile:
             ValueError: If it cannot be read, or says what it cannot.
         """
         try:
-            said = yaml.safe_load(path.read_text())
+            said = yaml.safe_load(path.read_text(encoding="utf-8"))
             if not isinstance(said, dict) or not {"file", "base", "end_effector"} <= said.keys() <= KEYS:
                 raise ValueError(f"It says file, base and end_effector, and may say {', '.join(sorted(KEYS))}.")
             branches = {name: _branch(**each) for name, each in said.pop("branches", {}).items()}
@@ -97,8 +98,11 @@ class RobotFile:
         if "package" in model:
             meshes = {"package://": f"{self._located(model['packages'])}/"} if "packages" in model else {}
             urdf = clean_urdf(_urdf(file), meshes, base, end_effector)
+            unchecked, notes = (), ()
         else:
-            urdf = custom_robot(file, base, end_effector).urdf
+            srdf = self._located(model["srdf"]) if "srdf" in model else None
+            read = custom_robot(file, base, end_effector, model.get("approach", "z"), srdf, model.get("ignore", ()))
+            urdf, end_effector, unchecked, notes = read.urdf, read.end_effector, read.unchecked, read.notes
         if "origins" in model:
             urdf = with_origins(urdf, {link: (xyz, rpy) for link, (xyz, rpy) in model["origins"].items()})
         if "collision" in model:
@@ -111,7 +115,8 @@ class RobotFile:
         if "package" in model:
             source.insert(0, f"{model['package']} {importlib.metadata.version(model['package'])}")
         licence = model.get("licence", "unknown")
-        return RobotDescription(self.path.stem, urdf, base, end_effector, ", ".join(source), licence)
+        about = ", ".join(source), licence
+        return RobotDescription(self.path.stem, urdf, base, end_effector, *about, unchecked, notes)
 
     def _located(self, file: str) -> Path:
         """A file of the package, or one relative to the arm's own."""
@@ -143,7 +148,7 @@ def _urdf(file: Path) -> str:
         import xacro
 
         return xacro.process_file(file).toxml()
-    return urdf_from_mjcf(file) if file.suffix == ".xml" else file.read_text()
+    return urdf_from_mjcf(file) if file.suffix == ".xml" else file.read_text(encoding="utf-8")
 
 
 def _branch(posture: list, bounds: dict[str, list] | None = None) -> Branch:

@@ -67,6 +67,8 @@ class Shape:
 
         if self.kind == "mesh":
             mesh = _load_mesh(self.file, self.size)
+            if np.prod(self.size) < 0:  # A mirror image, whose triangles would face inwards.
+                mesh.invert()
         elif self.kind == "box":
             mesh = trimesh.creation.box(self.size)
         elif self.kind == "cylinder":

@@ -1,0 +1,125 @@
+"""Files that a description names: by path, as `file://` or as `package://`; and xacro, expanded without ROS."""
+
+import os
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from urllib.parse import unquote
+
+NAMED = ("package://", "model://")
+"""What begins the name of a file in a package."""
+
+
+def package_folders(name: str, file: Path) -> Iterator[Path]:
+    """Folders of a ROS package, the likeliest first.
+
+    A folder is the package if it is called so or its `package.xml` says so. Those above the file and those beside them
+    come first, then what `AMENT_PREFIX_PATH` and `ROS_PACKAGE_PATH` hold.
+
+    Args:
+        name: Of the package.
+        file: The description that names it.
+    """
+    for folder in file.parents:
+        if folder.name == name or _named(folder) == name:
+            yield folder
+        if (folder / name).is_dir():
+            yield folder / name
+        yield from (about.parent for about in sorted(folder.glob("*/package.xml")) if _named(about.parent) == name)
+    for prefix in _paths("AMENT_PREFIX_PATH"):
+        if (prefix / "share" / name).is_dir():
+            yield prefix / "share" / name
+    for root in _paths("ROS_PACKAGE_PATH"):
+        folders = [root, *(about.parent for about in sorted(root.rglob("package.xml")))]
+        yield from (folder for folder in folders if folder.name == name or _named(folder) == name)
+
+
+def _paths(variable: str) -> list[Path]:
+    return [Path(path) for path in os.environ.get(variable, "").split(os.pathsep) if path]
+
+
+def _named(folder: Path) -> str | None:
+    """What a folder's `package.xml` calls the package."""
+    try:
+        return (ET.parse(folder / "package.xml").getroot().findtext("name") or "").strip() or None
+    except (OSError, ET.ParseError):
+        return None
+
+
+def named_file(name: str, file: Path) -> Path:
+    """The file that a description names.
+
+    Raises:
+        ValueError: If there is none; says where it was looked for.
+    """
+    hint = ""
+    if name.startswith(NAMED):
+        package, _, inside = name.partition("://")[2].partition("/")
+        tried = [folder / inside for folder in package_folders(package, file)]
+        hint = (
+            f" Package {package!r} is looked for in the folders above {file} and beside those, by its package.xml too, "
+            "then in AMENT_PREFIX_PATH and ROS_PACKAGE_PATH."
+        )
+        if not tried:
+            raise ValueError(f"there is no package {package!r}.{hint}")
+    else:
+        tried = [file.parent / name.removeprefix("file://localhost").removeprefix("file://")]
+    for found in tried:
+        for each in (found, Path(unquote(str(found)))):
+            if each.is_file():
+                return each.resolve()
+    raise ValueError(f"there is no file {tried[0]}.{hint}")
+
+
+def expanded(file: Path) -> ET.Element:
+    """A xacro file with its macros expanded; `$(find package)` as in `package_folders`.
+
+    Raises:
+        ValueError: If that cannot be done.
+    """
+    import xacro
+
+    try:
+        with _finding(file):
+            return ET.fromstring(xacro.process_file(str(file)).toxml())
+    except Exception as error:  # Expressions of the file raise what they raise.
+        why = " ".join(str(error).split()) or type(error).__name__
+        raise ValueError(
+            f"{file} cannot be expanded: {why}. Where it needs arguments, expand it first, as in "
+            f"xacro {file.name} name:=value > robot.urdf"
+        ) from error
+
+
+@contextmanager
+def _finding(file: Path) -> Iterator[None]:
+    """Within it, xacro finds packages, and evaluates no expression that reaches for Python's inner names."""
+    import xacro
+
+    def get_package_share_directory(name: str) -> str:
+        for folder in package_folders(name, file):
+            return str(folder)
+        raise ValueError(f"there is no package {name!r} in the folders above it, AMENT_PREFIX_PATH or ROS_PACKAGE_PATH")
+
+    def evaluate(expression: str, *names: dict) -> object:
+        if "__" in expression:
+            raise ValueError(f"expression {expression!r} has two underscores on end, which are not evaluated")
+        return safe_eval(expression, *names)
+
+    packages = ModuleType("ament_index_python.packages")
+    packages.__dict__["get_package_share_directory"] = get_package_share_directory
+    ours = {"ament_index_python": ModuleType("ament_index_python"), "ament_index_python.packages": packages}
+    before, safe_eval = {name: sys.modules.get(name) for name in ours}, xacro.safe_eval
+    sys.modules.update(ours)
+    xacro.safe_eval = evaluate
+    try:
+        yield
+    finally:
+        xacro.safe_eval = safe_eval
+        for name, module in before.items():
+            if module is None:
+                del sys.modules[name]
+            else:
+                sys.modules[name] = module
