@@ -33,11 +33,11 @@ def beside_chain(root: ET.Element, chain: list[str]) -> tuple[list[Beside], list
     Raises:
         ValueError: If a joint's origin does not hold numbers.
     """
-    shaped = {link.get("name"): link for link in root.findall("link") if link.find("collision") is not None}
+    shaped = {link.attrib["name"]: link for link in root.findall("link") if link.find("collision") is not None}
     fixed: dict[str, list[tuple[str, np.ndarray]]] = {}
     for joint in root.findall("joint"):
         if joint.get("type") == "fixed":
-            above, below = joint.find("parent").get("link"), joint.find("child").get("link")
+            above, below = joint.find("parent").attrib["link"], joint.find("child").attrib["link"]
             try:
                 pose = pose_of(joint)
             except ValueError as error:

@@ -60,7 +60,7 @@ def neighbours(joints: Iterable[ET.Element], shaped: set[str], beside: Iterable[
     """
     ways: dict[str, list[tuple[str, bool]]] = {}
     for joint in joints:
-        above, below = joint.find("parent").get("link"), joint.find("child").get("link")
+        above, below = joint.find("parent").attrib["link"], joint.find("child").attrib["link"]
         for one, other in ((above, below), (below, above)):
             ways.setdefault(one, []).append((other, joint.get("type") != "fixed"))
     pairs = set()

@@ -143,7 +143,7 @@ class RobotDescription:
 
     @cached_property
     def _parent(self) -> dict[str, str]:
-        return {j.find("child").get("link"): j.find("parent").get("link") for j in self._root.iter("joint")}
+        return {j.find("child").attrib["link"]: j.find("parent").attrib["link"] for j in self._root.iter("joint")}
 
     @cached_property
     def _joint_before(self) -> list[ET.Element]:

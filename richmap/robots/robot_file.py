@@ -98,11 +98,12 @@ class RobotFile:
         if "package" in model:
             meshes = {"package://": f"{self._located(model['packages'])}/"} if "packages" in model else {}
             urdf = clean_urdf(_urdf(file), meshes, base, end_effector)
-            unchecked, notes = (), ()
+            kept: dict[str, Any] = {}
         else:
             srdf = self._located(model["srdf"]) if "srdf" in model else None
             read = custom_robot(file, base, end_effector, model.get("approach", "z"), srdf, model.get("ignore", ()))
-            urdf, end_effector, unchecked, notes = read.urdf, read.end_effector, read.unchecked, read.notes
+            urdf, end_effector = read.urdf, read.end_effector
+            kept = {"unchecked": read.unchecked, "notes": read.notes}
         if "origins" in model:
             urdf = with_origins(urdf, {link: (xyz, rpy) for link, (xyz, rpy) in model["origins"].items()})
         if "collision" in model:
@@ -115,8 +116,7 @@ class RobotFile:
         if "package" in model:
             source.insert(0, f"{model['package']} {importlib.metadata.version(model['package'])}")
         licence = model.get("licence", "unknown")
-        about = ", ".join(source), licence
-        return RobotDescription(self.path.stem, urdf, base, end_effector, *about, unchecked, notes)
+        return RobotDescription(self.path.stem, urdf, base, end_effector, ", ".join(source), licence, **kept)
 
     def _located(self, file: str) -> Path:
         """A file of the package, or one relative to the arm's own."""
