@@ -28,6 +28,7 @@ REFUSED = {
         "output=/dev/null", "output=/", "output=.", "output=", "output=/proc/x", "workers=10000",
         "map.theta=.02 map.cell_size=.005",
     ],
+    "similarity": ["base=[1,2]", "base=[nan,0,0]", "output=/dev/null", "a=custom"],
     "merge_maps": ["output=/dev/null inputs=[a,b]", "inputs=[a,a]", "output=/dev/full inputs=[a,b]"],
     "train": ["threads=100000", "batch_size=100000000", "keep=[1000,1000]"],
     "collect": ["episodes=1000000000", "workers=10000", "output_dir="],

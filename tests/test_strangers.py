@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio
 import pytest
 
+from envs.arm.inverse_kinematics import InverseKinematics
 from richmap.geometry.grid import Grid
 from richmap.maps.insertion import Inserter
 from richmap.motion.collision import SelfCollision, self_collision
@@ -390,3 +391,15 @@ def test_an_axis_across_the_bases_computes_no_turns(arm, monkeypatch):
     monkeypatch.setattr(SelfCollision, "_protrusion_hits", None)
     monkeypatch.setattr(SelfCollision, "free_turns", lambda self, joints, turns: np.ones((len(joints), turns), bool))
     assert sample_workspace(robot, np.random.default_rng(0), 50, 128).free.shape[1] == 1
+
+
+def test_an_arm_of_few_joints_holds_its_tool_down_at_any_roll(arm):
+    """Four joints, none of which rolls the tool: joint 1 alone says how it is turned about the vertical."""
+    before, _, after = urdf().rpartition('<axis xyz="0 0 1"/>')
+    robot = arm(f'{before}<axis xyz="0 1 0"/>{after}')
+    kinematics = InverseKinematics(robot, np.array([0.0, 0, 0]), 0.3, 1.0, robot.lower, robot.upper)
+    for angle in (-1.2, 0.0, 0.8):
+        point = np.array([0.2 * np.cos(angle), 0.2 * np.sin(angle), 0.3])
+        posture = kinematics.solve(point, np.array([0.0, 0.5, 1.0, 1.0]), 100, np.inf)
+        assert posture.residual < 1e-5 and posture.tilt < 1e-5
+        assert kinematics.flange(posture.joints) == pytest.approx(point, abs=1e-5)

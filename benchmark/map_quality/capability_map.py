@@ -106,7 +106,7 @@ def capability_map(
     reached = built.construction
     console.print(
         f"Capability map of {name}: {built.inserted / 1e6:.2f} M orientations in {100 * built.occupancy:.1f} % of the "
-        f"cells, {built.avg_per_cell:.0f} per cell; {100 * built.insertion_rate:.1f} % of {reached.offered / 1e6:.0f} "
+        f"cells, {built.avg_per_cell:.0f} per cell; {100 * built.insertion_rate:.1f} % of {reached.offered / 1e6:.3g} "
         f"M poses, {100 * reached.batch_rate:.2f} % of the last draw; {built.bytes_memory / 1e6:.0f} MB. {path}",
         soft_wrap=True,
     )

@@ -154,7 +154,8 @@ def base_placement_figure(robot_map: "ReachabilityMap") -> "Figure":
     for ax, value, text in zip(panels, (placement.reachable, placement.score), texts, strict=True):
         mesh = ax.pcolormesh(places, places, value.reshape(bx.shape).T, vmin=0, vmax=1, cmap="viridis")
         ax.plot(*positions[:, :2].T, "o", color="white", ms=3, mec="black", mew=0.5, label="poses")
-        ax.plot(*placement.best[:2], "*", color=NO, ms=15, mec="white", label="best base", ls="")
+        if placement.score.max() > 0:  # Where no base is of any use, none is the best.
+            ax.plot(*placement.best[:2], "*", color=NO, ms=15, mec="white", label="best base", ls="")
         ticks = _round(*places[[0, -1]])
         ax.set(xlabel="x [m]", ylabel="y [m]", xticks=ticks, yticks=ticks, title=text, aspect="equal")
     panels[0].legend(loc="upper left", fontsize=8)

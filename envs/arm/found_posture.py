@@ -120,7 +120,8 @@ def _roughly(arm: PlacedArm, poses: TaskPoses) -> Float[np.ndarray, "n dof"]:
     c, s = np.cos(arm.yaw), np.sin(arm.yaw)
     to_base = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
     point, down = to_base @ (np.array(poses.start) - arm.kinematic_base), to_base @ np.diag([-1.0, 1.0, -1.0])
-    joints, off, turned = refine(robot, starts, np.tile(point, (STARTS, 1)), np.tile(down, (STARTS, 1, 1)), 100)
+    points, free = np.tile(point, (STARTS, 1)), len(robot.joints) < 6  # as `InverseKinematics` has it
+    joints, off, turned = refine(robot, starts, points, np.tile(down, (STARTS, 1, 1)), 100, free)
     joints = nearest_to_middle(arm, joints[(off <= POSITION_TOLERANCE) & (turned <= ANGLE_TOLERANCE)])
     return joints[np.unique(np.round(joints / ALIKE), axis=0, return_index=True)[1]]
 

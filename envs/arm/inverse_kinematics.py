@@ -40,7 +40,8 @@ class InverseKinematics:
 
     Minimises |p - p*|^2 + w^2 |r|^2, with p the flange in [m], r its rotation from `TOOL_DOWN` in [rad] and w
     the orientation weight in [m/rad]. At w = 1 an arm that cannot reach gives up position rather than tilt,
-    as the original's does: 10 cm beyond the reach tilt it by about one degree.
+    as the original's does: 10 cm beyond the reach tilt it by about one degree. An arm of fewer than six joints cannot
+    roll its tool about the vertical as it likes, and a round tool need not be rolled: r then is the tool's tilt alone.
 
     Args:
         robot: The arm.
@@ -69,6 +70,7 @@ class InverseKinematics:
         if yaw:
             mujoco.mju_mulQuat(self._tool_down, np.array([np.cos(yaw / 2), 0, 0, -np.sin(yaw / 2)]), TOOL_DOWN)
         self._lower, self._upper = lower, upper
+        self._rolls_freely = self._model.nv < 6
         self._jacobian = np.zeros((6, self._model.nv))
         self._row_weights = np.array([1, 1, 1, *[orientation_weight] * 3])[:, None]
         self._rotation = np.zeros(3)
@@ -115,6 +117,8 @@ class InverseKinematics:
         data = self._data
         data.qpos[:] = joints
         mujoco.mj_kinematics(self._model, data)
+        if self._rolls_freely:
+            return np.concatenate([goal - data.xpos[self._flange], self._weight * _tilt(data.xmat[self._flange, 2::3])])
         mujoco.mju_subQuat(self._rotation, self._tool_down, data.xquat[self._flange])
         turned = data.xmat[self._flange].reshape(3, 3) @ self._rotation
         return np.concatenate([goal - data.xpos[self._flange], self._weight * turned])
@@ -123,6 +127,9 @@ class InverseKinematics:
         """Jacobian of the flange where `_error` was last asked."""
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_jacBody(self._model, self._data, self._jacobian[:3], self._jacobian[3:], self._flange)
+        if self._rolls_freely:
+            approach = self._data.xmat[self._flange, 2::3]
+            self._jacobian[3:] -= np.outer(approach, approach @ self._jacobian[3:])
 
     def _step(
         self,
@@ -141,6 +148,14 @@ class InverseKinematics:
             jacobian[:, held] = 0
             step = np.where(held, step, _clipped(_damped_least_squares(jacobian, rest, damping), least, most))
         return step
+
+
+def _tilt(approach: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    """The shortest rotation vector, in [rad], that takes a direction, of unit length, straight down."""
+    x, y, z = approach
+    sine = np.hypot(x, y)
+    across = np.array([-y, x, 0.0]) / sine if sine > 1e-9 else np.array([1.0, 0.0, 0.0])  # any, if it points up
+    return np.arctan2(sine, -z) * across
 
 
 def _clipped(

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from envs.arm.inverse_kinematics import InverseKinematics
+from richmap.motion.sampling import way_about_z
 from richmap.physics.convex_parts import parts_fingerprint
 from richmap.robots.robot import RobotDescription
 
@@ -137,8 +138,9 @@ def start_posture(
     """
     point, seed = np.array(start), np.array(arm.posture)
     if arm.branch != FOUND:
-        x, y = arm.from_base(point[:2])
-        seed[0] += np.arctan2(y, x)
+        way, centre = way_about_z(arm.description)
+        x, y = arm.from_base(point[:2]) - centre
+        seed[0] += way * np.arctan2(y, x)
     posture = kinematics.solve(point, seed, iterations=300, max_turn=np.inf)
     if posture.residual > 1e-4:
         raise ValueError(
