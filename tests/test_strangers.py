@@ -162,6 +162,9 @@ def test_what_is_fixed_to_a_link_belongs_to_it(arm, tmp_path):
     ground = f"""<link name="world"/><joint name="bolt" type="fixed"><parent link="world"/><child link="base"/>
         <origin xyz="1 2 3"/></joint>{fixed("world", "wall", "1.2 2 3.3", "0 0 0.2", WALL)}"""
     assert (self_collision(arm(urdf(ground)))(joints) == hits).all()
+    world = ground.replace("world", "ground").replace('"wall', '"world')
+    robot = arm(urdf(world), ignore=[["world", "hand"]])
+    assert robot.beside == ("world_link",) and robot.unchecked == (("world_link", "hand"),)
 
 
 def all_pairs_hit(file, joints):

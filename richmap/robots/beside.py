@@ -40,6 +40,8 @@ def beside_chain(root: ET.Element, chain: list[str]) -> tuple[list[Beside], list
             above, below = joint.find("parent").attrib["link"], joint.find("child").attrib["link"]
             try:
                 pose = pose_of(joint)
+                if not np.isfinite(pose).all():
+                    raise ValueError("not finite")
             except ValueError as error:
                 raise ValueError(f"joint {joint.get('name')!r} has an <origin> without three numbers each") from error
             fixed.setdefault(above, []).append((below, pose))

@@ -83,6 +83,9 @@ def custom_robot(
         file = Path(srdf).expanduser().resolve()
         apart |= srdf_pairs(_read_xml(file), file, links)
     apart |= named_pairs(ignore, links)
+    if "world" not in chain:  # which is where MuJoCo's world is, and nowhere else
+        _rename_link(whole, "world", "world_link")
+        apart = {frozenset("world_link" if link == "world" else link for link in pair) for pair in apart}
     text = clean_urdf(ET.tostring(whole, encoding="unicode"), {}, base, end_effector)
     root = ET.fromstring(without_extras(text))
     root.set("name", root.get("name") or path.stem)
@@ -164,6 +167,12 @@ def _name_joints_apart(root: ET.Element) -> None:
         while joint.get("name") in links or (joint.get("name") != name and joint.get("name") in taken):
             joint.set("name", f"{joint.get('name')}_joint")
         taken.add(joint.get("name"))
+
+
+def _rename_link(root: ET.Element, old: str, new: str) -> None:
+    for tag, key in (("link", "name"), ("joint/parent", "link"), ("joint/child", "link")):
+        for element in root.findall(f"{tag}[@{key}='{old}']"):
+            element.set(key, new)
 
 
 def _check_names(root: ET.Element, path: Path) -> None:
@@ -390,7 +399,7 @@ def _check_shapes(link: ET.Element, path: Path) -> None:
             raise ValueError(f"{where}: {shape.file} cannot be read. Save it as binary STL.") from error
         if len(triangles.faces) == 0:
             raise ValueError(f"{where}: {shape.file} has no triangles. Save it anew, or leave it out.")
-        if (size := max(triangles.extents)) > LARGEST:
+        if shape.kind == "mesh" and (size := max(triangles.extents)) > LARGEST:
             raise ValueError(
                 f'{where} is {size:g} m long. If its unit is the millimetre, give the mesh scale="0.001 0.001 0.001".'
             )
