@@ -41,6 +41,7 @@ MJCF = """<mujoco><compiler angle="radian"/>{default}<worldbody><body name="base
       <geom name="rod" type="capsule" fromto="0 0 -.06 0 0 .2" size=".03"/>
       <body name="l3" pos="0 0 .2"><joint name="c" axis="0 1 0" range="-2.9 2.9"/>
         <geom name="ball" type="sphere" pos="0 0 .26" size=".02"/><site name="tip" pos="0 0 .28"/>
+        <body name="blade" pos="0 0 .05"><geom type="sphere" size=".04"/></body>
       </body></body></body></body></worldbody>{contact}</mujoco>"""
 
 

@@ -181,8 +181,8 @@ def all_pairs_hit(file, joints):
 
 def test_a_part_on_a_moving_link_moves_with_it_in_every_stage(arm, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    robot = arm(urdf(fixed("hand", "blade", "0 0 0.1", "0 0.4 0", '<box size="0.02 0.02 0.5"/>')))
-    assert robot.depth["blade"] == robot.depth["hand"] == 3
+    robot = arm(urdf(fixed("hand", "/blade", "0 0 0.1", "0 0.4 0", '<box size="0.02 0.02 0.5"/>')))
+    assert robot.depth["/blade"] == robot.depth["hand"] == 3
     model = arm_spec(robot, visual=True).compile()
     data, joints, hits = mujoco.MjData(model), random_joints(robot), []
     for q in joints:
@@ -273,13 +273,16 @@ def clone(tmp_path):
     return meshes
 
 
-@pytest.mark.parametrize("where", ["above", "beside", "ament", "ros", "file"])
+@pytest.mark.parametrize("where", ["above", "beside", "ament", "ros", "file", "copy"])
 def test_meshes_are_found_by_package_and_path(clone, tmp_path, monkeypatch, where):
     name, folder = "package://mini_description/meshes/block a.dae", tmp_path / "else" / "where"
     if where == "above":
         folder = clone.parent / "urdf"
     elif where == "beside":
         folder = tmp_path / "other" / "urdf"
+    elif where == "copy":
+        (clone.parent / "package.xml").unlink()
+        folder = clone.parent / "urdf"
     elif where == "ament":
         share = tmp_path / "install" / "share"
         share.mkdir(parents=True)
@@ -328,7 +331,7 @@ def test_the_unit_of_a_collada_file_is_read(arm, tmp_path):
     (tmp_path / "block.dae").write_text(collada(0.01, "Y_UP"))
     robot = arm(urdf(mesh=DAE.format("block.dae", "1 1 1")))
     assert np.allclose(robot.shapes["upper"][0].triangles().extents, [0.02, 0.02, 0.06])
-    assert "block.dae says Y_UP. Its points are taken as they stand" in " ".join(robot.notes)
+    assert "In block.dae z does not point up. Points are taken as they stand" in " ".join(robot.notes)
     (tmp_path / "block.dae").write_text(collada("inch"))
     with pytest.raises(ValueError, match='block.dae has <unit meter="inch"/>, which is no length'):
         arm(urdf(mesh=DAE.format("block.dae", "1 1 1")))

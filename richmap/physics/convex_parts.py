@@ -73,7 +73,7 @@ def load_convex_parts(file: Path, robot: RobotDescription) -> ConvexParts:
     parts: ConvexParts = {}
     for name in sorted(arrays):
         if thickness(arrays[name]) >= THINNEST:
-            parts.setdefault(name.split("/")[0], []).append(arrays[name])
+            parts.setdefault(name.rpartition("/")[0], []).append(arrays[name])
     return parts
 
 

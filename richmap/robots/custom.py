@@ -96,11 +96,10 @@ def custom_robot(
             joint.remove(idle)
     _check_numbers(root, path)
     _check_joints(root, path)
-    notes: list[str] = []
     for link in root.iter("link"):
-        notes += _read_shapes(link, path)
+        _read_shapes(link, path)
     _add_missing_inertia(root)
-    notes += _add_beside(whole, chain, root, path)
+    notes = [*_add_beside(whole, chain, root, path), *_upward(root)]
     if approach != "z":
         name = f"{end_effector}_along_{approach}"
         ET.SubElement(root, "link", name=name)
@@ -303,7 +302,7 @@ def _add_beside(whole: ET.Element, chain: list[str], root: ET.Element, path: Pat
         alone.append(each.link)
         _check_numbers(alone, path)
         try:
-            notes += _read_shapes(each.link, path)
+            _read_shapes(each.link, path)
         except MissingMeshError as error:
             notes.append(f"Left out: {error}")
             continue
@@ -328,9 +327,9 @@ def _has_no_size(collision: ET.Element) -> bool:
     return any(float(x) == 0 for text in sizes for x in text.split() if re.fullmatch(r"[-+]?[0.]+", x))
 
 
-def _read_shapes(link: ET.Element, path: Path) -> list[str]:
-    """Name meshes by their files, in [m]; returns what is to be said of them."""
-    name, notes = link.get("name"), []
+def _read_shapes(link: ET.Element, path: Path) -> None:
+    """Name meshes by their files, in [m], and check them."""
+    name = link.get("name")
     for mesh in link.findall("collision/geometry/mesh"):
         if not mesh.get("filename"):
             raise ValueError(f"{path.name}: link {name!r} collides by a mesh without a file name.")
@@ -342,14 +341,20 @@ def _read_shapes(link: ET.Element, path: Path) -> list[str]:
             ) from error
         mesh.set("filename", str(file))
         if file.suffix.lower() == ".dae":
-            unit, up = _of_collada(file)
+            unit, _ = _of_collada(file)
             if unit != 1:
                 scale = [unit * float(x) for x in mesh.get("scale", "1 1 1").split()]
                 mesh.set("scale", number_text(np.array(scale)))
-            if up != "Z_UP":
-                notes.append(f"{file.name} says {up}. Its points are taken as they stand, as RViz and MoveIt do.")
     _check_shapes(link, path)
-    return notes
+
+
+def _upward(root: ET.Element) -> list[str]:
+    """What is to be said of COLLADA files in which another axis than z points up."""
+    files = dict.fromkeys(Path(mesh.get("filename")) for mesh in root.iter("mesh"))
+    odd = [file.name for file in files if file.suffix.lower() == ".dae" and _of_collada(file)[1] != "Z_UP"]
+    if not odd:
+        return []
+    return [f"In {some_of(odd)} z does not point up. Points are taken as they stand, as RViz and MoveIt do."]
 
 
 def _of_collada(file: Path) -> tuple[float, str]:

@@ -29,8 +29,8 @@ def read_mjcf(path: Path) -> tuple[str, Pairs]:
 
     A hinge without a range turns without end and becomes a continuous joint. Geoms that can collide with nothing
     (contype and conaffinity 0, and in no `<pair>`) are looks and are left out, also of the masses. A capsule becomes a
-    cylinder and two spheres. Bodies never collide that the file excludes, or none of whose geoms may by their contype
-    and conaffinity, unless a `<pair>` says that some do.
+    cylinder and two spheres. Bodies never collide that the file excludes, that are parent and child, or none of whose
+    geoms may by their contype and conaffinity, unless a `<pair>` says that some do.
 
     Raises:
         ValueError: If MuJoCo cannot read the file, a mesh is missing, or a shape has no counterpart in URDF.
@@ -76,10 +76,17 @@ def _apart(model: mujoco.MjModel, names: list[str]) -> Pairs:
     for i, j in combinations(body, 2):
         one, other = body[i][:, None], body[j][None]
         allowed = bool(((kind[one] & meets[other]) | (kind[other] & meets[one])).any())
-        allowed &= (i, j) not in excluded and (j, i) not in excluded
+        allowed &= (i, j) not in excluded and (j, i) not in excluded and not _one_joint_apart(model, i, j)
         if not allowed and frozenset((i, j)) not in explicit:
             apart.add(frozenset((names[i], names[j])))
     return apart
+
+
+def _one_joint_apart(model: mujoco.MjModel, i: int, j: int) -> bool:
+    """Whether MuJoCo takes two bodies for parent and child: what they are welded to is, and neither is the world."""
+    weld, parent = model.body_weldid, model.body_parentid
+    one, other = int(weld[i]), int(weld[j])
+    return one > 0 and other > 0 and (one == weld[parent[other]] or other == weld[parent[one]])
 
 
 def _strip_looks(spec: mujoco.MjSpec, path: Path) -> dict[str, tuple[Path, Float[np.ndarray, "4 4"]]]:

@@ -63,6 +63,8 @@ def named_file(name: str, file: Path) -> Path:
             f" Package {package!r} is looked for in the folders above {file} and beside those, by its package.xml too, "
             "then in AMENT_PREFIX_PATH and ROS_PACKAGE_PATH."
         )
+        if not tried:  # A copy under another name, perhaps, without its package.xml.
+            tried = [folder / inside for folder in file.parents if (folder / inside).is_file()]
         if not tried:
             raise ValueError(f"there is no package {package!r}.{hint}")
     else:
@@ -99,7 +101,8 @@ def _finding(file: Path) -> Iterator[None]:
     import xacro
 
     def get_package_share_directory(name: str) -> str:
-        for folder in package_folders(name, file):
+        beside_urdf = (folder for folder in file.parents if (folder / "urdf").is_dir())  # a copy under another name
+        for folder in (*package_folders(name, file), *beside_urdf):
             return str(folder)
         raise ValueError(f"there is no package {name!r} in the folders above it, AMENT_PREFIX_PATH or ROS_PACKAGE_PATH")
 
