@@ -86,7 +86,7 @@ def _one_joint_apart(model: mujoco.MjModel, i: int, j: int) -> bool:
     """Whether MuJoCo takes two bodies for parent and child: what they are welded to is, and neither is the world."""
     weld, parent = model.body_weldid, model.body_parentid
     one, other = int(weld[i]), int(weld[j])
-    return one > 0 and other > 0 and (one == weld[parent[other]] or other == weld[parent[one]])
+    return one > 0 and other > 0 and bool(one == weld[parent[other]] or other == weld[parent[one]])
 
 
 def _strip_looks(spec: mujoco.MjSpec, path: Path) -> dict[str, tuple[Path, Float[np.ndarray, "4 4"]]]:
