@@ -68,7 +68,7 @@ def read_mjcf(path: Path) -> tuple[str, Pairs]:
 def _apart(model: mujoco.MjModel, names: list[str]) -> Pairs:
     """Pairs of bodies with geoms, none of which may touch."""
     kind, meets = model.geom_contype, model.geom_conaffinity
-    body = {i: np.flatnonzero(model.geom_bodyid == i) for i in np.unique(model.geom_bodyid)}
+    body = {i: np.flatnonzero(model.geom_bodyid == i) for i in np.unique(model.geom_bodyid).tolist()}
     excluded = {(int(signature) >> 16, int(signature) & 0xFFFF) for signature in model.exclude_signature}
     paired = zip(model.geom_bodyid[model.pair_geom1], model.geom_bodyid[model.pair_geom2], strict=True)
     explicit = {frozenset(map(int, pair)) for pair in paired}
