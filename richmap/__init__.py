@@ -17,6 +17,9 @@ os.environ.setdefault("NUMBA_CACHE_DIR", str(_folder))
 # What a user needs, imported when it is asked for: the loops are compiled, and PyTorch is read, on the way.
 _FACE = {
     "CacheError": "richmap.outputs",
+    "DirectionalCoverage": "richmap.similarity.directional",
+    "DirectionalDistance": "richmap.similarity.directional",
+    "DirectionalEnergy": "richmap.similarity.directional",
     "EnergyField": "richmap.similarity.energy",
     "ReachabilityMap": "richmap.maps.reachability_map",
     "RobotDescription": "richmap.robots.robot",

@@ -6,7 +6,7 @@ bounds, so an index that points beyond its rows would end the interpreter.
 
 import json
 from collections.abc import Callable
-from math import pi, prod
+from math import isqrt, pi, prod
 
 import numpy as np
 
@@ -115,6 +115,17 @@ def _energy_field(arrays: Arrays, about: dict[str, str]) -> None:
     _check_range(_array(arrays, "values", ("<f4", "<f8"), *shape), "values", -LARGEST_VALUE, LARGEST_VALUE)
 
 
+def _directional_field(arrays: Arrays, about: dict[str, str]) -> None:
+    shape = _grid(about)
+    if min(shape) < 4:
+        raise ValueError(f"its grid has {shape} cells; a cubic spline needs 4 along each axis")
+    _check_names(arrays, {"values"})
+    values = _array(arrays, "values", "<f4", *shape, None)
+    if isqrt(values.shape[3]) ** 2 != values.shape[3] or values.shape[3] == 0:
+        raise ValueError(f"values have {values.shape[3]} harmonics, which is no square of a degree and one")
+    _check_range(values, "values", -LARGEST_VALUE, LARGEST_VALUE)
+
+
 def _signed_distance_field(arrays: Arrays, about: dict[str, str]) -> None:
     _check_names(arrays, {"values", "inner", "outer"})
     inner, outer = (_array(arrays, name, "<f8", 1) for name in ("inner", "outer"))
@@ -137,6 +148,9 @@ CONTENTS: dict[str, Callable[[Arrays, dict[str, str]], None]] = {
     "richmap.CoverageBitmap": _coverage_bitmap,
     "richmap.EnergyField": _energy_field,
     "richmap.SignedDistanceField": _signed_distance_field,
+    "richmap.DirectionalEnergy": _directional_field,
+    "richmap.DirectionalCoverage": _directional_field,
+    "richmap.DirectionalDistance": _directional_field,
     "richmap.ConvexParts": _convex_parts,
 }
 """Of each kind what checks it."""

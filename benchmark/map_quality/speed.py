@@ -41,7 +41,7 @@ class SpeedConfig:
 
     robots: list[str] = field(default_factory=lambda: ["panda", "iiwa7", "ur5e", "gen3"])
     """Arms, as in robots=[panda,ur5e]; MMD is that of the first one and each of the others."""
-    parts: list[str] = field(default_factory=lambda: ["queries", "insertion", "sampling", "mmd"])
+    parts: list[str] = field(default_factory=lambda: ["queries", "insertion", "sampling", "mmd", "directional"])
     """What is measured, as in parts=[queries]; insertion into a map of fine cells takes much memory."""
     batches: list[int] = field(default_factory=lambda: [100, 10_000, 1_000_000, 2_000_000])
     """Numbers of queries asked at once; whole numbers >= 1."""
@@ -73,7 +73,7 @@ class SpeedConfig:
         check_setting(max(self.threads) <= most, "threads", self.threads, f"whole numbers from 1 to {most}")
         for name in ("sampled", "pairwise_cells", "repeats", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
-        parts = ("queries", "insertion", "sampling", "mmd")
+        parts = ("queries", "insertion", "sampling", "mmd", "directional")
         check_setting(set(self.parts) <= set(parts) and self.parts, "parts", self.parts, f"some of {', '.join(parts)}")
         check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
         check_setting(self.device in ("cpu", "cuda", "auto"), "device", self.device, "cpu, cuda, auto")
@@ -107,7 +107,7 @@ def main(config: SpeedConfig) -> None:
             with replacing(output_dir / "speed.md") as path:
                 path.write_text(markdown(table))
         console.print(f"{name}: {len(rows)} rows. {output_dir / 'speed.md'}", soft_wrap=True)
-        if "mmd" in config.parts:
+        if {"mmd", "directional"} & set(config.parts):
             first = first or (built, direction_moments(built))
 
 
@@ -133,6 +133,8 @@ def measure(
             rows.append(sampling_speeds(robot, config))
         if "mmd" in config.parts and first is not None:
             rows.append(mmd_speeds(*first, built, config))
+        if "directional" in config.parts and first is not None and threads == 1:
+            rows.append(directional_speeds(first[0], built, config))
         for row in (row for some in rows for row in some):
             yield {"device": "cpu", "threads": threads, "unit": "s", **row}
 
@@ -288,6 +290,31 @@ def mmd_speeds(
         yield {"name": name, "batch": int(differ.sum()), "value": value, "unit": "relative"}
 
 
+def directional_speeds(
+    first: "ReachabilityMap", built: "ReachabilityMap", config: SpeedConfig
+) -> Iterator[dict[str, object]]:
+    """Seconds per pose for the value and gradients of `DirectionalEnergy`, on one core, at random points and along
+    chunks of 16 steps of 2 cm; and for the whole field, from the maps to its first answer."""
+    import numpy as np
+
+    from richmap.similarity.directional import DirectionalEnergy
+
+    rng, n = np.random.default_rng(config.seed), 20_000
+    lower, upper = np.array([axis[[0, -1]] for axis in first.grid.axes()]).T
+    turns = rng.normal(size=(n, 3))
+    turns /= np.linalg.norm(turns, axis=1, keepdims=True)
+    steps = 0.02 * np.arange(16)[None, :, None] * turns[: n // 16, None]
+    along = np.clip(rng.uniform(lower, upper, (n // 16, 1, 3)) + steps, lower, upper).reshape(n, 3)
+    for degree in (10, 16):
+        start = perf_counter()
+        field = DirectionalEnergy.from_maps(first, built, degree=degree)
+        field.value_and_gradients(along[:1], turns[:1])
+        yield {"name": f"directional_field_{degree}", "batch": 1, "value": perf_counter() - start}
+        for name, points in (("random", rng.uniform(lower, upper, (n, 3))), ("chunks", along)):
+            seconds = least_seconds(lambda at=points, of=field: of.value_and_gradients(at, turns), config.repeats) / n
+            yield {"name": f"directional_{name}_{degree}", "batch": n, "value": seconds}
+
+
 def least_seconds(call: Callable[[], object], repeats: int) -> float:
     """Least time of a call over some repeats, each of them long enough for the clock; the first call does not count."""
     call()
@@ -299,10 +326,11 @@ def least_seconds(call: Callable[[], object], repeats: int) -> float:
 HEADER = """# Speed
 
 Nanoseconds per item: per query, per pose offered (`insert`), per free pose (`sample`), per stored direction (`build`),
-per cell that both arms fill (`mmd`, against the first arm's map). Least of some repeats. Queries ask for positions
-uniform in the ball that encloses the filled cells and for directions uniform on the sphere. `torch` is the paper's
-method, batched matrix products. Made by `python -m benchmark.map_quality.speed`. For comparison: queries of the paper
-on its GPU
+per cell that both arms fill (`mmd`, against the first arm's map), per pose of a field over positions and directions
+(`directional`, harmonics up to that degree), per such field (`directional_field`). Least of some repeats. Queries ask
+for positions uniform in the ball that encloses the filled cells and for directions uniform on the sphere. `torch` is
+the paper's method, batched matrix products. Made by `python -m benchmark.map_quality.speed`. For comparison: queries of
+the paper on its GPU
 take 91 µs at batch 100, 45 µs at 10,000 and 2.5 µs at 1,000,000 (cells of 0.05 m), those of RM4D on a CPU 62 µs.
 
 """

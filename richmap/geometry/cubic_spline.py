@@ -20,10 +20,13 @@ class CubicSpline:
 
     knots: tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"], Float[np.ndarray, " _"]]
     """Along x, y and z."""
-    coefficients: Float[np.ndarray, "nx ny nz"]
+    coefficients: Float[np.ndarray, "nx ny nz *each"]
+    """Of one function, or of several side by side."""
 
     @classmethod
-    def through(cls, axes: Sequence[Float[np.ndarray, " _"]], values: Float[np.ndarray, "nx ny nz"]) -> "CubicSpline":
+    def through(
+        cls, axes: Sequence[Float[np.ndarray, " _"]], values: Float[np.ndarray, "nx ny nz *each"]
+    ) -> "CubicSpline":
         """The spline through values at the points of a grid with these coordinates (not-a-knot at the ends)."""
         knots, coefficients = [], values
         for axis, places in enumerate(axes):
@@ -33,7 +36,7 @@ class CubicSpline:
         return cls(tuple(knots), np.ascontiguousarray(coefficients))
 
     def value_and_gradient(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:
-        """Value and slopes along x, y and z at each point; NaN outside the box."""
+        """Value and slopes of the one function along x, y and z at each point; NaN outside the box."""
         return _value_and_gradient(np.ascontiguousarray(points, dtype=float), *self.knots, self.coefficients)
 
 
@@ -43,9 +46,9 @@ def _value_and_gradient(points, x, y, z, coefficients):
     result = np.zeros((len(points), 4))
     along_x, along_y, along_z = np.empty((2, 4)), np.empty((2, 4)), np.empty((2, 4))
     for row in range(len(points)):
-        i = _basis(x, points[row, 0], along_x)
-        j = _basis(y, points[row, 1], along_y)
-        k = _basis(z, points[row, 2], along_z)
+        i = basis(x, points[row, 0], along_x)
+        j = basis(y, points[row, 1], along_y)
+        k = basis(z, points[row, 2], along_z)
         if min(i, j, k) < 0:
             result[row] = np.nan
             continue
@@ -64,7 +67,7 @@ def _value_and_gradient(points, x, y, z, coefficients):
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def _basis(knots, at, basis):
+def basis(knots, at, basis):
     """The four B-splines that are not zero at a place, and their slopes (Piegl and Tiller, The NURBS Book, A2.2).
 
     Gives the number of the first one; -1 outside.

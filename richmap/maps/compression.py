@@ -1,12 +1,17 @@
 """Compression of a map to one number per cell: the fraction of the sphere that its directions cover."""
 
+from collections.abc import Iterator
 from typing import no_type_check
 
 import numba
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
+from richmap.geometry.directions import ROUNDING
 from richmap.maps.reachability_map import ReachabilityMap
+
+BLOCK = 4096
+"""Cells whose covered directions are in memory at once."""
 
 
 def fibonacci_lattice(samples: int) -> Float[np.ndarray, "samples 3"]:
@@ -32,30 +37,40 @@ def coverage_fraction(robot_map: ReachabilityMap, samples: int = 1000) -> Float[
     Returns:
         Share of the lattice's points that are closer than theta to a stored direction, in float32, from 0 to 1.
     """
-    lattice = fibonacci_lattice(samples).astype(np.float32)
-    fractions = _covered(robot_map.start, robot_map.directions, lattice, robot_map.construction.theta) / samples
-    return fractions.astype(np.float32).reshape(robot_map.grid.shape)
+    fractions = np.zeros(robot_map.grid.n_cells, dtype=np.float32)
+    for cells, covered in covered_directions(robot_map, fibonacci_lattice(samples)):
+        fractions[cells] = covered.sum(1) / samples
+    return fractions.reshape(robot_map.grid.shape)
+
+
+def covered_directions(
+    robot_map: ReachabilityMap, asked: Float[np.ndarray, "samples 3"]
+) -> Iterator[tuple[Int[np.ndarray, " block"], Bool[np.ndarray, "block samples"]]]:
+    """Which of some unit vectors, in falling order of z, are closer than theta to a stored direction.
+
+    Returns:
+        Blocks of filled cells, as flat indices, and the answers of each.
+    """
+    filled = np.flatnonzero(np.diff(robot_map.start))
+    asked, theta = asked.astype(np.float32), robot_map.construction.theta
+    for first in range(0, len(filled), BLOCK):
+        cells = filled[first : first + BLOCK]
+        yield cells, _covered(cells, robot_map.start, robot_map.directions, asked, theta)
 
 
 @numba.njit(cache=True, parallel=True, nogil=True)
 @no_type_check
-def _covered(start, directions, lattice, theta):
-    """Number of lattice points that the directions of each cell cover.
-
-    The lattice descends in z, so that the points near a direction are some between two of its rows.
-    """
-    covered = np.zeros(len(start) - 1, dtype=np.int64)
-    cosine, n = np.float32(np.cos(theta)), len(lattice)
-    for cell in numba.prange(len(covered)):
-        seen = np.zeros(n, dtype=np.bool_)
-        for row in range(start[cell], start[cell + 1]):
+def _covered(cells, start, directions, asked, theta):
+    """The vectors near a direction are some between two rows, as they descend in z."""
+    covered = np.zeros((len(cells), len(asked)), dtype=np.bool_)
+    cosine, falling = np.float32(np.cos(theta)), -asked[:, 2].copy()
+    for i in numba.prange(len(cells)):
+        for row in range(start[cells[i]], start[cells[i] + 1]):
             x, y, z = directions[row]
             polar = np.arccos(min(max(z, -1.0), 1.0))
-            highest, lowest = np.cos(max(polar - theta, 0.0)), np.cos(min(polar + theta, np.pi))
-            first = max(int((1 - highest) / 2 * n - 1), 0)
-            last = min(int((1 - lowest) / 2 * n + 1), n)
+            first = np.searchsorted(falling, -np.cos(max(polar - theta, 0.0)) - ROUNDING)
+            last = np.searchsorted(falling, -np.cos(min(polar + theta, np.pi)) + ROUNDING)
             for k in range(first, last):
-                if lattice[k, 0] * x + lattice[k, 1] * y + lattice[k, 2] * z > cosine:
-                    seen[k] = True
-        covered[cell] = seen.sum()
+                if asked[k, 0] * x + asked[k, 1] * y + asked[k, 2] * z > cosine:
+                    covered[i, k] = True
     return covered

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from richmap.files import reading, save_arrays
 from richmap.geometry.cubic_spline import CubicSpline
@@ -16,11 +16,11 @@ from richmap.geometry.grid import Grid
 
 
 @dataclass(frozen=True)
-class GridField(ABC):
-    """A smooth scalar field over the workspace, in the world frame; a subclass says of what, and in which unit."""
+class StoredCells(ABC):
+    """Numbers at the cells of a grid in the world frame, in a file that says of what they are."""
 
     grid: Grid
-    values: Float[np.ndarray, "nx ny nz"]
+    values: Float[np.ndarray, "nx ny nz *each"]
     """At the cells' centres, in the field's `unit`."""
     about: dict[str, str]
     """What the field was made from, for provenance alone."""
@@ -35,6 +35,41 @@ class GridField(ABC):
     def unit(self) -> str:
         """Of its values, as in m; 1 for none."""
 
+    def check_inside(self, outside: Bool[np.ndarray, " n"], points: Float[np.ndarray, "n 3"]) -> None:
+        """Raise `ValueError` with the first point, in [m], that is outside the cells' centres, if one is."""
+        if outside.any():
+            lower, upper = np.array([axis[[0, -1]] for axis in self.grid.axes()]).T
+            raise ValueError(f"{points[outside][0]} m is outside the field, from {lower} to {upper} m.")
+
+    @cached_property
+    def _spline(self) -> CubicSpline:
+        return CubicSpline.through(self.grid.axes(), self.values)
+
+    def save(self, path: Path) -> None:
+        """Write the field as one safetensors file, atomically."""
+        numbers = {each.name: np.array([getattr(self, each.name)]) for each in fields(self)[len(fields(StoredCells)) :]}
+        about = {"grid": json.dumps(asdict(self.grid)), **self.about}
+        save_arrays(path, self.KIND, self.VERSION, {"values": self.values, **numbers}, about)
+
+    @classmethod
+    def load[Kind: "StoredCells"](cls: type[Kind], path: Path) -> Kind:
+        """Read a field of this kind.
+
+        Raises:
+            FileRefusedError: If the file is cut short, is of another kind, or has another version.
+        """
+        with reading(path, cls.KIND, cls.VERSION) as (arrays, about):
+            grid, values = Grid.from_dict(json.loads(about.pop("grid"))), arrays.pop("values")
+            return cls(grid, values, about, **{name: number.item() for name, number in arrays.items()})
+
+
+@dataclass(frozen=True)
+class GridField(StoredCells):
+    """A smooth scalar field over the workspace, in the world frame; a subclass says of what, and in which unit."""
+
+    values: Float[np.ndarray, "nx ny nz"]
+    """At the cells' centres, in the field's `unit`."""
+
     def value_and_gradient(
         self, points: Float[np.ndarray, "n 3"]
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
@@ -46,10 +81,7 @@ class GridField(ABC):
             ValueError: If a point lies outside the cells' centres.
         """
         result = self._spline.value_and_gradient(points)
-        if np.isnan(result[:, 0]).any():
-            lower, upper = np.array([axis[[0, -1]] for axis in self.grid.axes()]).T
-            point = points[np.isnan(result[:, 0])][0]
-            raise ValueError(f"{point} m is outside the field, from {lower} to {upper} m.")
+        self.check_inside(np.isnan(result[:, 0]), points)
         return result[:, 0], result[:, 1:]
 
     def gradient(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
@@ -59,24 +91,3 @@ class GridField(ABC):
             ValueError: If a point lies outside the cells' centres.
         """
         return self.value_and_gradient(points)[1]
-
-    @cached_property
-    def _spline(self) -> CubicSpline:
-        return CubicSpline.through(self.grid.axes(), self.values)
-
-    def save(self, path: Path) -> None:
-        """Write the field as one safetensors file, atomically."""
-        numbers = {each.name: np.array([getattr(self, each.name)]) for each in fields(self)[len(fields(GridField)) :]}
-        about = {"grid": json.dumps(asdict(self.grid)), **self.about}
-        save_arrays(path, self.KIND, self.VERSION, {"values": self.values, **numbers}, about)
-
-    @classmethod
-    def load[Kind: "GridField"](cls: type[Kind], path: Path) -> Kind:
-        """Read a field of this kind.
-
-        Raises:
-            FileRefusedError: If the file is cut short, is of another kind, or has another version.
-        """
-        with reading(path, cls.KIND, cls.VERSION) as (arrays, about):
-            grid, values = Grid.from_dict(json.loads(about.pop("grid"))), arrays.pop("values")
-            return cls(grid, values, about, **{name: number.item() for name, number in arrays.items()})

@@ -1,23 +1,19 @@
 """How alike two robots' approach directions are, cell by cell: maximum mean discrepancy with a multi-scale kernel."""
 
 from dataclasses import dataclass
-from typing import no_type_check
 
-import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import eval_legendre, roots_legendre
 
 from richmap.geometry.grid import Grid, GridMismatchError
+from richmap.geometry.harmonics import mean_harmonics
 from richmap.maps.reachability_map import ReachabilityMap
 
 SCALES = 5
 """Number of kernel widths (the paper's M)."""
 DEGREE = 16
 """Degree at which spherical harmonics are cut off; the kernel's share beyond it is below 1e-5."""
-
-LANES = 32
-"""Directions that go through the recurrence of the harmonics side by side."""
 
 
 def kernel(cosine: Float[np.ndarray, "*shape"], scales: int = SCALES) -> Float[np.ndarray, "*shape"]:
@@ -73,7 +69,7 @@ class DirectionMoments:
 def direction_moments(robot_map: ReachabilityMap) -> DirectionMoments:
     """Moments of every filled cell of a map; computed once per map, they serve every comparison."""
     cells = np.flatnonzero(np.diff(robot_map.start))
-    means = _mean_harmonics(cells, robot_map.start, robot_map.directions, *_recurrence(DEGREE))
+    means = mean_harmonics(cells, robot_map.start, robot_map.directions, DEGREE)
     return DirectionMoments(robot_map.construction.robot, robot_map.grid, cells, means)
 
 
@@ -98,14 +94,8 @@ def compare_maps(
         GridMismatchError: If the cells do not coincide.
     """
     a, b = (x if isinstance(x, DirectionMoments) else direction_moments(x) for x in (source, target))
-    expected = a.grid.moved(np.array(base))
-    same = expected.cell_size == b.grid.cell_size and expected.shape == b.grid.shape
-    if not same or not np.allclose(expected.origin, b.grid.origin, atol=1e-9):
-        raise GridMismatchError(
-            f"With its base at {base} m, the map of {b.robot} must have the grid {expected} to be "
-            f"compared with {a.robot}; it has {b.grid}. Build it on that grid."
-        )
-    weights = np.repeat(_kernel_spectrum(scales), 2 * np.arange(DEGREE + 1) + 1)
+    check_coincide(a.grid, b.grid, base, (a.robot, b.robot))
+    weights = kernel_spectrum(scales)
     _, rows_a, rows_b = np.intersect1d(a.cells, b.cells, assume_unique=True, return_indices=True)
     mmd, one_sided = np.full(a.grid.n_cells, np.nan), np.full(a.grid.n_cells, np.nan)
     mmd[a.cells[rows_a]] = np.sqrt((a.means[rows_a] - b.means[rows_b]) ** 2 @ weights)
@@ -116,58 +106,20 @@ def compare_maps(
     return SimilarityGrid(a.grid, mmd, filled_a & ~filled_b, filled_b & ~filled_a, one_sided)
 
 
-def _kernel_spectrum(scales: int) -> Float[np.ndarray, " degrees"]:
-    """Eigenvalue of the kernel for each degree of spherical harmonics (Funk-Hecke)."""
+def check_coincide(source: Grid, target: Grid, base: tuple[float, float, float], robots: tuple[str, str]) -> None:
+    """Raise `GridMismatchError` if the cells of a source's map and of a target's at a base do not coincide."""
+    expected = source.moved(np.array(base))
+    same = expected.cell_size == target.cell_size and expected.shape == target.shape
+    if not same or not np.allclose(expected.origin, target.origin, atol=1e-9):
+        raise GridMismatchError(
+            f"With its base at {base} m, the map of {robots[1]} must have the grid {expected} to be "
+            f"compared with {robots[0]}; it has {target}. Build it on that grid."
+        )
+
+
+def kernel_spectrum(scales: int = SCALES, degree: int = DEGREE) -> Float[np.ndarray, " harmonics"]:
+    """Eigenvalue of the kernel for each spherical harmonic up to a degree; all of one degree share it (Funk-Hecke)."""
     node, weight = roots_legendre(200)
-    degrees = np.arange(DEGREE + 1)[:, None]
+    degrees = np.arange(degree + 1)[:, None]
     spectrum = 2 * np.pi * (weight * kernel(node, scales) * eval_legendre(degrees, node)).sum(1)
-    return np.maximum(spectrum, 0)
-
-
-def _recurrence(
-    degree: int,
-) -> tuple[Float[np.ndarray, "d d"], Float[np.ndarray, "d d"], Float[np.ndarray, " d"]]:
-    """Coefficients of the three-term recurrence of normalised associated Legendre functions (Holmes & Featherstone)."""
-    l, m = np.meshgrid(np.arange(degree + 1.0), np.arange(degree + 1.0), indexing="ij")  # noqa: E741
-    with np.errstate(divide="ignore", invalid="ignore"):
-        a = np.sqrt((4 * l**2 - 1) / (l**2 - m**2))
-        b = np.sqrt(((l - 1) ** 2 - m**2) / (4 * (l - 1) ** 2 - 1))
-    k = np.arange(1, degree + 1)
-    diagonal = np.concatenate([[np.sqrt(1 / (4 * np.pi))], np.sqrt((2 * k + 1) / (2 * k))]).cumprod()
-    return np.nan_to_num(a, posinf=0), np.nan_to_num(b), diagonal
-
-
-@numba.njit(cache=True, parallel=True, fastmath=True)
-@no_type_check
-def _mean_harmonics(cells, start, directions, a, b, diagonal):
-    degree = len(diagonal) - 1
-    means = np.zeros((len(cells), (degree + 1) ** 2), dtype=np.float32)
-    for c in numba.prange(len(cells)):
-        first, last = start[cells[c]], start[cells[c] + 1]
-        total = np.zeros((degree + 1) ** 2)
-        # Directions go through the recurrence side by side, in vector registers, with zeros after the last.
-        x, y, z, real, imaginary, before, current = np.zeros((7, LANES))
-        for row in range(first, last, LANES):
-            count = min(LANES, last - row)
-            real[:], imaginary[:] = 0, 0
-            for i in range(count):
-                x[i], y[i], z[i] = directions[row + i, 0], directions[row + i, 1], directions[row + i, 2]
-                real[i] = 1  # of (x + iy)^m
-            for m in range(degree + 1):
-                before[:], current[:] = 0, diagonal[m]
-                for l in range(m, degree + 1):  # noqa: E741
-                    cosines, sines = 0.0, 0.0
-                    for i in range(LANES):
-                        if l > m:
-                            new = a[l, m] * (z[i] * current[i] - b[l, m] * before[i])
-                            before[i], current[i] = current[i], new
-                        cosines += current[i] * real[i]
-                        sines += current[i] * imaginary[i]
-                    scale = 1.0 if m == 0 else np.sqrt(2.0)
-                    total[l * l + l + m] += scale * cosines
-                    if m > 0:
-                        total[l * l + l - m] += scale * sines
-                for i in range(LANES):
-                    real[i], imaginary[i] = real[i] * x[i] - imaginary[i] * y[i], real[i] * y[i] + imaginary[i] * x[i]
-        means[c] = total / (last - first)
-    return means
+    return np.repeat(np.maximum(spectrum, 0), 2 * np.arange(degree + 1) + 1)
