@@ -54,7 +54,7 @@ COORDINATES = ("arm.base", "arm.narrowed", "arm.posture", "cell")
 
 def _check_number(name: str, value: float, of: str) -> None:
     cores = os.cpu_count() or 1
-    limits = {
+    limits: dict[str, tuple[float, str]] = {
         "workers": (max(16, 4 * cores), f"of {WORKER_GB:g} GB each on {cores} cores: {value * WORKER_GB:,.0f} GB"),
         "threads": (max(16, 4 * cores), f"on {cores} cores"),
         "batch_size": (
