@@ -41,9 +41,9 @@ SEEDS = [150_000, 150_001, 150_002]
 
 def write_entry(folder, **values):
     """An entry with the class of the documents."""
-    readme = (ROOT / "docs" / "submit.md").read_text()
-    (code,) = [code for code in re.findall(r"```python\n(.*?)```", readme, re.DOTALL) if "class Slower" in code]
-    (about,) = [text for text in re.findall(r"```yaml\n(.*?)```", readme, re.DOTALL) if "half-speed" in text]
+    method, submit = ((ROOT / "docs" / f"{page}.md").read_text() for page in ("add-method", "submit"))
+    (code,) = [code for code in re.findall(r"```python\n(.*?)```", method, re.DOTALL) if "class Slower" in code]
+    (about,) = [text for text in re.findall(r"```yaml\n(.*?)```", submit, re.DOTALL) if "half-speed" in text]
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "guidance.py").write_text(code)
     for name, value in values.items():
