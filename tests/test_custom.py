@@ -203,7 +203,7 @@ LIFT = '<limit lower="-2" upper="2.8" effort="1" velocity="1"/><dynamics damping
         ('<link name="finger"/>', '<link name="finger"/><link name="fore"/>', "several links are called fore"),
         ('joint name="bend"', 'joint name="lift"', "several joints are called lift"),
         ('joint name="bend"', "joint", "joint number 4 has no name"),
-        ("<gazebo/>", '<x:macro xmlns:x="http://www.ros.org/wiki/xacro"/>', "cannot be expanded: .*name"),
+        ("<gazebo/>", '<x:macro xmlns:x="http://www.ros.org/wiki/xacro"/>', "cannot be expanded: .*prefix xacro:"),
         ('child link="flange"', 'child link="ee"', "joint 'tip' names a link 'ee' that is not there"),
     ],
 )

@@ -149,10 +149,10 @@ def edit(number, **values):
             edit(1, episode_seed=50_001, slot=50_001 % 3, mode=draw_scene(50_001).mode),
             [
                 r"row 0 \(xarm6, .*, mine 1.0, seed42-1, episode 50001\): its seed is none of the protocol's, 150000",
-                r"xarm6, embodied, mine 1.0, seed42-1, episode 100001 is missing",
+                r"xarm6, embodied, mine 1.0, seed42-1, episode 150001 is missing",
             ],
         ),
-        (edit(2, episode_version=9), [r"episode 100002 is missing"]),
+        (edit(2, episode_version=9), [r"episode 150002 is missing"]),
         (
             edit(0, setting="original", self_collision=False, joint_limits=False),
             [r"row 0 .*setting is original, not embodied"],
@@ -179,7 +179,7 @@ def test_two_rows_of_one_episode_that_say_different_things_are_refused(entry, en
 def test_an_edited_number_is_refused(entry, entered, tmp_path, capsys):
     with pytest.raises(SystemExit, match="1"):
         enter.main(settings(entry, tmp_path, table=sent(entered, tmp_path, edit(1, success_at_end=False))))
-    assert re.search("Refused: .*episode 100001, replayed: success_at_end is False, not True", capsys.readouterr().out)
+    assert re.search("Refused: .*episode 150001, replayed: success_at_end is False, not True", capsys.readouterr().out)
 
 
 def test_a_damaged_table_is_refused(entry, entered, tmp_path):

@@ -200,7 +200,7 @@ def test_no_name_in_a_published_panel_covers_another(browser, protocol):
     assert len(panels) >= 3
     for panel in panels:
         boxes = browser.execute_script(script, panel)
-        assert {"reference", "planner"} <= {text for text, _ in boxes}
+        assert "reference" in {text for text, _ in boxes}
         for (one, a), (other, b) in itertools.combinations(boxes, 2):
             beside = a["right"] <= b["left"] or b["right"] <= a["left"]
             assert beside or a["bottom"] <= b["top"] or b["bottom"] <= a["top"], (one, other)

@@ -48,7 +48,7 @@ def _check_list(name: str, values: list, default: list | None) -> None:
         check_setting(len({*map(str, values)}) == len(values), name, shown, "each value once")
 
 
-COORDINATES = ("arm.base", "arm.narrowed", "arm.posture", "cell")
+COORDINATES = ("arm.base", "arm.narrowed", "arm.posture", "base", "cell")
 """Lists in which a value may come twice."""
 
 

@@ -86,7 +86,10 @@ def expanded(file: Path) -> ET.Element:
 
     try:
         with _finding(file):
-            return ET.fromstring(xacro.process_file(str(file)).toxml())
+            root = ET.fromstring(xacro.process_file(str(file)).toxml())
+        if left := [each.tag.rpartition("}")[2] for each in root.iter() if "xacro}" in each.tag]:
+            raise ValueError(f"macros have the prefix xacro:, and {', '.join(sorted({*left}))} has another")
+        return root
     except Exception as error:  # Expressions of the file raise what they raise.
         why = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(
