@@ -17,7 +17,7 @@ from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.sent_rows import nearest, otherwise, refusals
 from benchmark.scoring.ranking import Protocol, protocols_of
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import PAPER_ARMS, EnergyConfig, MapConfig, RobotConfig, RunConfig
+from benchmark.settings.config import PAPER_ARMS, EnergyConfig, LimitsConfig, MapConfig, RobotConfig, RunConfig
 from benchmark.settings.scenes import FIRST_TEST_SEED
 from benchmark.settings.task import chosen_task
 from richmap.outputs import replacing
@@ -75,6 +75,7 @@ class EnterConfig:
     """Processes that roll out or sample; results do not depend on it. A whole number >= 1."""
     map: MapConfig = field(default_factory=MapConfig)
     energy: EnergyConfig = field(default_factory=EnergyConfig)
+    limits: LimitsConfig = field(default_factory=LimitsConfig)
 
     def __post_init__(self) -> None:
         some = self.replays is None or self.replays >= 1
@@ -172,7 +173,6 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     """Roll out and store what is missing, and print the scores of each arm, setting and policy; gives the rows."""
     import pandas as pd
 
-    from benchmark.episodes.table import drop_outdated
     from benchmark.rollouts.missing_episodes import run_and_store_all
     from benchmark.rollouts.rollout import alone
     from benchmark.scoring.scores import by_condition, with_interval
@@ -187,9 +187,7 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     with replacing(folder / "entry.yaml") as path:
         shutil.copyfile(entry.folder / "entry.yaml", path)
     tables = run_and_store_all(rollouts, run, entry.about.name, console)
-    scales = [*{rollout.condition.guidance_scale: rollout.condition for rollout in rollouts}.values()]
-    if dropped := sum(drop_outdated(folder, condition) for condition in scales):
-        console.print(f"{dropped} rows of these episodes, by other files of the entry at this scale, are dropped.")
+    scales = [*{rollout.condition.guidance_scale for rollout in rollouts}]
     for row in (by_condition(table, rollouts[0].task).iloc[0] for table in tables):
         scores = ", ".join(f"{name} {with_interval(row, name)}" for name in rollouts[0].task.score_names)
         named = f"{row.robot}, {row.setting}, {row.checkpoint}" + (f", scale {row['lambda']:g}" if scales[1:] else "")

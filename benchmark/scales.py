@@ -7,7 +7,7 @@ from benchmark.episodes.arm import alike, base_of
 from benchmark.scoring.scale_table import CHOSEN_FOR, scale_table
 from benchmark.settings.command import run_command
 from benchmark.settings.task import chosen_task
-from benchmark.sweeps.scale_sweep import ScalesConfig, budget, markdown, method_fields, shown, sweep
+from benchmark.sweeps.scale_sweep import ScalesConfig, budget, markdown, shown, sweep, swept_methods
 from richmap.outputs import replacing
 
 
@@ -22,30 +22,29 @@ def main(config: ScalesConfig) -> None:
     from benchmark.rollouts.make_rollout import make_rollout
     from benchmark.scoring.guidance_figures import draw_fields, draw_success
     from policies.methods import METHODS
-    from policies.setup import Setup
 
     console, folder, task = Console(), config.folder, chosen_task(config.task)
-    console.print(budget(config))
+    methods = swept_methods(config, console)
+    console.print(budget(config, methods))
     direct = [
         make_rollout(config.run(seed), 0.0, path, console) for seed, path in zip(config.seeds, checkpoints, strict=True)
     ]
-    fields = method_fields(config, console)
-    table = scale_table(sweep(config, direct, fields, console), task)
+    table = scale_table(sweep(config, direct, methods, console), task)
     with replacing(folder / "scales.md") as path:
-        path.write_text(markdown(table, task))
+        path.write_text(markdown(table, task, methods))
 
     arm = alike(table, {name: getattr(direct[0].condition, name) for name in CHOSEN_FOR})
     base = base_of(direct[0].condition.row())[:2]
+    chosen = {row["method"]: row["lambda"] for row in arm[arm.chosen].to_dict("records")}
     guidances = {
-        row.method: METHODS[row.method].make(
-            Setup(row["lambda"], fields[row.method][0], base, config.seeds[0], task.space)
-        )
-        for _, row in arm[arm.chosen].iterrows()
-        if row.method in config.methods
+        method.name: method.make(chosen[method.name], base, config.seeds[0], task.space)
+        for method in methods
+        if method.name in chosen
     }
+    drawn = {name: each for name, each in guidances.items() if each.samples == 1 or name in METHODS}
     figures = {
         "success_against_scale": draw_success(arm, task),
-        "fields": draw_fields(guidances, base, demonstrated_path(task, 10, console), task.space.steps),
+        "fields": draw_fields(drawn, base, demonstrated_path(task, 10, console), task.space.steps),
     }
     for name, figure in figures.items():
         file = folder / "figures" / f"{name}.png"

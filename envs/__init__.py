@@ -4,6 +4,9 @@ import logging
 
 import gymnasium
 
+from envs.drawing import check_mujoco_gl
+
+check_mujoco_gl()
 # robosuite warns on import of optional parts that are not installed and that this task does not use.
 logging.getLogger("robosuite_logs").addFilter(lambda record: record.levelno >= logging.ERROR)
 

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import final
+from typing import ClassVar, final
 
 import torch
 from jaxtyping import Float
@@ -25,6 +25,11 @@ class Guidance(ABC):
     """Chunks sampled for each observation; of several `choose` is asked for one."""
     looks_ahead: bool = False
     """Whether `descent` is asked at every denoising step."""
+    field_kind: ClassVar[str] = "none"
+    """Of a class that is run from a file: what it is made with, energy (of similarity to the source), feasibility
+    (signed distance to the border of what the arm can hold, in m) or none."""
+    default_scale: ClassVar[float | None] = None
+    """Likewise: the scale that it has unless another is given, in its own unit; None if there is none to recommend."""
 
     @abstractmethod
     def __init__(self) -> None:

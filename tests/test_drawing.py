@@ -149,6 +149,19 @@ def test_a_command_says_so_in_a_line(tmp_path):
     assert done.stderr.startswith("error: Pictures are drawn through EGL")
 
 
+@pytest.mark.parametrize("value", ["foo", "osmesa"])
+def test_a_library_that_mujoco_does_not_load_with_is_named(value):
+    """In Python by an exception, and by every command in a line. (OSMesa's library is not on every machine.)"""
+    done = run(MUJOCO_GL=value)
+    line = f"MUJOCO_GL={value}: MuJoCo does not load with it"
+    if value == "osmesa" and line not in done.stderr:
+        pytest.skip("OSMesa is on this machine.")
+    assert f"DrawingError: {line}" in done.stderr.splitlines()[-1]
+    command = [sys.executable, "-m", "benchmark.show", "table=nowhere"]
+    ended = subprocess.run(command, env={**os.environ, "MUJOCO_GL": value}, capture_output=True, text=True)
+    assert ended.returncode == 2 and ended.stderr.startswith(f"error: {line}") and ended.stderr.count("\n") == 1
+
+
 def test_gymnasium_records_a_video(tmp_path):
     pytest.importorskip("moviepy")
     env = gymnasium.wrappers.RecordVideo(make(), str(tmp_path / "videos"), disable_logger=True)

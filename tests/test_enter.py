@@ -317,7 +317,7 @@ def test_what_runs_is_the_source_that_is_hashed_and_not_bytecode_beside_it(tmp_p
         importlib.util.find_spec("aside")  # Now the folder's own finder is cached.
     for name in ("aside", "parts"):
         sys.modules.pop(name, None)
-    GuidanceClass(tmp_path / "ours.py", "Ours").make(1.0, None, (0.0, 0.0), 0)
+    GuidanceClass(tmp_path / "ours.py", "Ours").load(1.0, None, (0.0, 0.0), 0, 2)
     assert [sys.modules[name].SHOWN for name in ("guidance_ours", "aside", "parts")] == [True] * 3
 
 

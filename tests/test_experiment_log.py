@@ -50,6 +50,30 @@ def evaluated(transfer_episodes, tmp_path):
     return config, rollout, rows
 
 
+QUIET_HOME = """
+import sys, wandb
+from benchmark.artifacts.wandb_run import start_experiment
+from benchmark.settings.config import WandbConfig
+with start_experiment(WandbConfig("offline", folder=sys.argv[1]), "name", "group", "evaluation", {}) as run:
+    run.log({"table": wandb.Table(["a"], [[1]])})
+    artifact = wandb.Artifact("a", type="model")
+    artifact.add_file(sys.argv[2])
+    run.log_artifact(artifact)
+"""
+
+
+def test_a_home_that_cannot_be_written_to_costs_a_line(tmp_path, offline_runs):
+    (tmp_path / "file").write_text("no folder")
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("WANDB_", "XDG_"))}
+    home = {"HOME": str(tmp_path / "file" / "home"), "NUMBA_CACHE_DIR": str(tmp_path / "numba")}
+    command = [sys.executable, "-c", QUIET_HOME, str(tmp_path), str(tmp_path / "file")]
+    done = subprocess.run(command, cwd=ROOT, env=kept | home, capture_output=True, text=True)
+    assert done.returncode == 0 and done.stderr == ""
+    (line,) = done.stdout.splitlines()
+    assert line.startswith("W&B: ") and "cannot be written to. Its own files go to" in line
+    assert len(offline_runs(tmp_path)) == 1
+
+
 def test_what_was_logged_offline_can_be_read_back(tmp_path, offline_runs, capfd):
     config = WandbConfig("offline", folder=str(tmp_path))
     with start_experiment(config, "seed42", "robust", "train", {"steps": 2}) as run:

@@ -1,10 +1,4 @@
 import dataclasses
-import os
-import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +7,6 @@ from rich.console import Console
 
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.episodes.arm import branch_of
-from benchmark.episodes.table import read_episodes
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.rollout import load_policy, play
@@ -24,7 +17,6 @@ from richmap.similarity.energy import EnergyField
 
 pytestmark = pytest.mark.system
 
-ROOT = Path(__file__).parents[1]
 CONFIG = RunConfig(robot=RobotConfig("xarm6"), batch_size=3, device="cpu")
 
 
@@ -97,25 +89,6 @@ def test_an_unknown_training_seed_is_refused():
         checkpoint_folder(7)
     with pytest.raises(ValueError, match=r"published, but .*: python -m benchmark.source_policies .*seeds=\[42\]"):
         checkpoint_folder(42, 3)
-
-
-def test_a_killed_run_goes_on_where_it_was(tmp_path):
-    settings = ["robot=xarm6", "episodes=20", "batch_size=2", "workers=1", f"output_dir={tmp_path}", "device=cpu"]
-    command = [sys.executable, "-m", "benchmark.run", *settings]
-    running = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL)
-    deadline = time.monotonic() + 120
-    while read_episodes(tmp_path).empty and time.monotonic() < deadline:
-        time.sleep(0.05)
-    os.kill(running.pid, signal.SIGKILL)
-    running.wait()
-    finished = read_episodes(tmp_path)
-    assert 2 <= len(finished) < 20
-
-    subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL, timeout=240)
-    table = read_episodes(tmp_path)
-    assert sorted(table.episode_seed) == list(range(50_000, 50_020))
-    again = table[table.episode_seed.isin(finished.episode_seed)].reset_index(drop=True)
-    assert again.equals(finished.reset_index(drop=True))
 
 
 def test_other_settings_make_another_condition(rollout):

@@ -4,7 +4,10 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
+
+import platformdirs
 
 from benchmark.artifacts.checkpoint import Checkpoint
 from benchmark.settings.config import WandbConfig
@@ -31,6 +34,7 @@ def start_experiment(
         kind: Job type: train, validate, field, evaluation or curve.
         settings: What the run was made with, as plain values.
     """
+    _make_room(Path(config.folder), config.mode)
     import wandb
 
     def start(mode: str) -> "wandb.Run":
@@ -61,6 +65,32 @@ def start_experiment(
         print(f"W&B: {' '.join(str(error).split())} What would go there is kept in {config.folder}: wandb sync.")
         os.environ["WANDB_MODE"] = "offline"  # The next run, and a sweep's next job, need not wait again.
         return start("offline")
+
+
+def _make_room(folder: Path, mode: str) -> None:
+    """Where the home cannot be written to, W&B's own files go beside the runs; else it says so in seventy lines."""
+    if mode == "disabled":
+        return
+    kinds = {"CACHE": platformdirs.user_cache_path(), "DATA": platformdirs.user_data_path()}
+    kinds["CONFIG"] = Path("~/.config").expanduser()
+    for kind, of_home in kinds.items():
+        variable, own = f"WANDB_{kind}_DIR", folder.absolute() / "wandb" / "home"
+        if variable in os.environ or _can_be_made(of_home / "wandb"):
+            continue
+        own.mkdir(parents=True, exist_ok=True)
+        os.environ[variable] = str(own)
+        if kind == "CACHE":
+            print(f"W&B: {of_home} cannot be written to. Its own files go to {own}.")
+
+
+def _can_be_made(folder: Path) -> bool:
+    """Whether files can be written to a folder, which is made if it is not there."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        TemporaryFile(dir=folder).close()
+    except OSError:
+        return False
+    return True
 
 
 @contextmanager

@@ -8,7 +8,9 @@ import hashlib
 import json
 import os
 import re
+import time
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import pandas as pd
@@ -19,6 +21,9 @@ import pyarrow.parquet as pq
 from benchmark.episodes.arm import SINCE, TUPLES
 from benchmark.episodes.episode import PANDAS
 from benchmark.settings.command import SettingError
+
+ABANDONED = 3600.0
+"""Age from which an unfinished file is nobody's any more, in [s]."""
 
 FOLDER = "episodes"
 """Name of the folder that a table's parts are in."""
@@ -87,8 +92,15 @@ def _write(folder: Path, table: pa.Table) -> Path:
 
 
 def merge_parts(files: Iterable[Path]) -> None:
-    """Put parts of one table together: their rows are in a new part before the old ones go."""
+    """Put parts of one table together: their rows are in a new part before the old ones go.
+
+    What killed processes left unfinished beside them goes as well.
+    """
     files = sorted({*files})
+    for left in files[0].parent.glob(".*.tmp") if files else ():
+        with suppress(FileNotFoundError):
+            if time.time() - left.stat().st_mtime > ABANDONED:
+                left.unlink()
     if len(files) < 2:
         return
     merged = write_part(files[0].parents[1], to_frame([read_part(file) for file in files]))

@@ -1,6 +1,7 @@
 """Somebody else's entry: a folder with a policy, a guidance class or both, and what has to be known of them."""
 
 import hashlib
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -14,9 +15,9 @@ from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
 from benchmark.artifacts.fields import guidance_field
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.rollouts.guidance_class import GuidanceClass
-from benchmark.rollouts.make_rollout import make_condition
+from benchmark.rollouts.make_condition import make_condition
 from benchmark.settings.command import SettingError, typed
-from benchmark.settings.config import EntryConfig, RunConfig
+from benchmark.settings.config import EntryConfig, LimitsConfig, RunConfig
 from benchmark.settings.task import chosen_task
 
 if TYPE_CHECKING:
@@ -33,10 +34,14 @@ MOST_BRACKETS = 20
 
 @dataclass(frozen=True)
 class Entry:
-    """A folder and what its `entry.yaml` says."""
+    """A folder and what its `entry.yaml` says; or a class in a file, and what that says of itself."""
 
     folder: Path
     about: EntryConfig
+    default_scale: float | None = None
+    """Of a class in a file, if it names one."""
+    pattern: str = "*"
+    """Which of the folder's files are the entry's."""
 
     @classmethod
     def load(cls, folder: Path) -> "Entry":
@@ -75,6 +80,29 @@ class Entry:
             raise SettingError(f"{file}: {error}") from error
         return cls(folder, about)
 
+    @classmethod
+    def of_class(cls, text: str, limits: LimitsConfig) -> "Entry":
+        """A class in a file, written `path/to/mine.py:Mine`, with the Python files beside it; called `mine`.
+
+        Raises:
+            SettingError: If the file does not have such a class, or one of our methods is called so.
+        """
+        file, name = text.rsplit(":", 1)
+        guidance = GuidanceClass(Path(file), name, limits.seconds, limits.memory)
+        said = guidance.attributes()
+        called = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", name).lower()
+        about = {"name": called, "author": "nobody", "description": name, "guidance": f"{guidance.file.name}:{name}"}
+        try:
+            made = EntryConfig(**about, field=said.field_kind, scale=said.default_scale or 0.0)
+        except SettingError as error:
+            raise SettingError(f"{text} is called as its class is, {called}. {error}") from error
+        return cls(guidance.file.parent, made, said.default_scale, "*.py")
+
+    @property
+    def kind(self) -> str | None:
+        """Of the field that its class is made with."""
+        return None if self.about.field == "none" else self.about.field
+
     def at(self, scale: float) -> "Entry":
         """The same entry with its class made at another scale."""
         return replace(self, about=replace(self.about, scale=scale))
@@ -87,11 +115,11 @@ class Entry:
             SettingError: If one is a link, whose target could change unseen.
         """
         digest = hashlib.sha256()
-        for path in sorted(self.folder.rglob("*")):
+        for path in sorted(self.folder.rglob("*") if self.pattern == "*" else self.folder.glob(self.pattern)):
             name = path.relative_to(self.folder)
             if _unhashed(name):
                 continue
-            if path.is_symlink():
+            if path.is_symlink() and self.pattern == "*":
                 raise SettingError(f"{path} is a link. An entry holds its files itself: copy it there.")
             if path.is_file():
                 content = path.read_bytes()
@@ -134,27 +162,19 @@ class Entry:
         if about.policy and Checkpoint(checkpoint).type == GUIDED:
             sampler, steps = Checkpoint(checkpoint).sampler  # As it was saved, whatever ours are sampled by.
             config = replace(config, sampler=sampler, sampling_steps=steps)
-        kind = None if about.field == "none" else about.field
-        field, path = guidance_field(kind, arm, config.map, config.energy, config.workers, console)
+        field, path = guidance_field(self.kind, arm, config.map, config.energy, config.workers, console)
         condition = make_condition(config, arm, about.name, about.scale, checkpoint, field, self.files_hash)
-        guidance = self._guidance()
+        guidance = self.guidance(config.limits)
         if guidance is not None:
-            try:
-                guidance.make(about.scale, path, arm.base[:2], 0)
-            except SettingError:
-                raise
-            except Exception as error:  # Whatever somebody's file may raise.
-                raise SettingError(
-                    f"{guidance.file}: {guidance.name}(field, scale, base, seed) raised {type(error).__name__}: {error}"
-                ) from error
-        return Rollout(task, arm, condition, checkpoint, path, guidance, kind)
+            guidance.make(about.scale, path, arm.base[:2], 0, task.space.action.width)
+        return Rollout(task, arm, condition, checkpoint, path, guidance, self.kind)
 
-    def _guidance(self) -> GuidanceClass | None:
-        """Its class, if it brings one."""
+    def guidance(self, limits: LimitsConfig) -> GuidanceClass | None:
+        """Its class, if it brings one, and what that may take."""
         if not self.about.guidance:
             return None
         file, name = self.about.guidance.rsplit(":", 1)
-        return GuidanceClass(self._inside(file), name)
+        return GuidanceClass(self._inside(file), name, limits.seconds, limits.memory, self.files_hash)
 
     def _inside(self, path: str) -> Path:
         """A path of the folder's."""

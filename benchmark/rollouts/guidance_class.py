@@ -14,6 +14,7 @@ from benchmark.settings.command import SettingError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from typing import Any
 
     from torch import Tensor
 
@@ -22,15 +23,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GuidanceClass:
-    """Where a subclass of `policies.guidance.Guidance` is."""
+    """Where a subclass of `policies.guidance.Guidance` is, and what its process may take."""
 
     file: Path
     name: str
+    seconds: float = 300.0
+    """For the answers to a batch of episodes, in [s] of the clock."""
+    gigabytes: float = 4.0
+    """Of resident memory."""
+    version: str = ""
+    """Hash of the files that it is made of; what is imported beside its file is imported once for each."""
 
     def make(
         self, scale: float, field: Path | None, base: tuple[float, float], seed: int, width: int = 2
     ) -> "Guidance":
-        """An instance, called as `Class(field, scale, base, seed)`; running the file, so only what is trusted.
+        """An instance, called as `Class(field, scale, base, seed)` in a process of its own (`guest`).
 
         Args:
             scale: Its scale, `lambda`.
@@ -41,13 +48,43 @@ class GuidanceClass:
 
         Raises:
             SettingError: If the file does not have such a class. Likewise whatever is asked of the instance later,
-                if it raises, or answers what it should not.
+                if it raises, answers what it should not, or takes too long or too much memory.
         """
+        from benchmark.rollouts.guest import make_guest
+
+        return make_guest(self, scale, field, base, seed, width)
+
+    def attributes(self) -> "ClassAttributes":
+        """What the class says of itself.
+
+        Raises:
+            SettingError: If the file does not have such a class, or it says what cannot be.
+        """
+        from benchmark.rollouts.guest import class_attributes
+
+        return class_attributes(self)
+
+    def load(
+        self, scale: float, field: Path | None, base: tuple[float, float], seed: int, width: int
+    ) -> "tuple[Guidance, dict[str, Any]]":
+        """An instance in this process, running the file, and what has to be known to ask it."""
         from policies.guidance import Guidance
         from richmap.similarity.load_field import load_field
 
-        if not self.file.is_file():
-            raise SettingError(f"There is no {self.file}, which should hold the guidance {self.name}.")
+        made: Callable[..., Guidance] = self.load_class()
+        given = load_field(field) if field else None
+        try:
+            theirs = made(given, scale, base, seed)
+        except BaseException as error:
+            raise SettingError(f"{self.file}: {self.name}(field, scale, base, seed) {_raised(error)}") from error
+        checked = _checked(theirs, f"{self.file}: {self.name}", width)
+        takes = [name for name in PLACES if getattr(type(theirs), name) is not getattr(Guidance, name)]
+        return checked, {"samples": theirs.samples, "looks_ahead": bool(theirs.looks_ahead), "takes": takes}
+
+    def load_class(self) -> type:
+        """The class in this process, running the file."""
+        from policies.guidance import Guidance
+
         folder = str(self.file.parent.resolve())
         if folder not in sys.path:
             sys.path.append(folder)  # It may import what lies beside it.
@@ -55,14 +92,35 @@ class GuidanceClass:
         assert spec and spec.loader
         module = importlib.util.module_from_spec(spec)
         sys.modules[spec.name] = module  # Dataclasses look their module up there.
-        with _from_source():
-            spec.loader.exec_module(module)
+        try:
+            with _from_source():
+                spec.loader.exec_module(module)
+        except BaseException as error:
+            raise SettingError(f"{self.file} {_raised(error)}") from error
         found = getattr(module, self.name, None)
         if not inspect.isclass(found) or not issubclass(found, Guidance):
             raise SettingError(f"{self.file} has no class {self.name} that is a policies.guidance.Guidance.")
-        made: Callable[..., Guidance] = found
-        theirs = made(load_field(field) if field else None, scale, base, seed)
-        return _checked(theirs, f"{self.file}: {self.name}", width)
+        return found
+
+
+@dataclass(frozen=True)
+class ClassAttributes:
+    """What a class says of itself."""
+
+    field_kind: str
+    """Of the field that it is made with: energy, feasibility or none."""
+    default_scale: float | None
+    """Its own scale, in its own unit; None if it names none."""
+
+
+MOST_CHUNKS = 1000
+"""That a class may ask for at once."""
+PLACES = ("reset", "imagine", "push", "descent", "choose", "correct")
+"""Where a class can act."""
+
+
+def _raised(error: BaseException) -> str:
+    return f"raised {type(error).__name__}: {error}".removesuffix(": ")
 
 
 @contextmanager
@@ -83,8 +141,8 @@ def _checked(theirs: "Guidance", where: str, width: int) -> "Guidance":
 
     from policies.guidance import Guidance
 
-    if not isinstance(theirs.samples, int) or theirs.samples < 1:
-        raise SettingError(f"{where}.samples is {theirs.samples!r}. It is a whole number >= 1.")
+    if not isinstance(theirs.samples, int) or not 1 <= theirs.samples <= MOST_CHUNKS:
+        raise SettingError(f"{where}.samples is {theirs.samples!r}. It is a whole number from 1 to {MOST_CHUNKS}.")
     for name, asked, way_out in (
         ("descent", theirs.looks_ahead, "looks_ahead = True"),
         ("choose", theirs.samples > 1, "samples = 4, or another number above 1"),
@@ -95,8 +153,8 @@ def _checked(theirs: "Guidance", where: str, width: int) -> "Guidance":
     def ask(name: str, shape: tuple[int, ...], *given: "Tensor", or_none: bool = False) -> "Tensor | None":
         try:
             answer = getattr(theirs, name)(*given)
-        except Exception as error:  # Whatever somebody's file may raise.
-            raise SettingError(f"{where}.{name} raised {type(error).__name__}: {error}") from error
+        except BaseException as error:  # Whatever somebody's file may raise, also SystemExit.
+            raise SettingError(f"{where}.{name} {_raised(error)}") from error
         if or_none and answer is None:
             return None
         if not isinstance(answer, torch.Tensor) or answer.shape != shape or not answer.isfinite().all():
@@ -117,8 +175,8 @@ def _checked(theirs: "Guidance", where: str, width: int) -> "Guidance":
         def reset(self, rows: "Sequence[int] | None") -> None:
             try:
                 theirs.reset(rows)
-            except Exception as error:  # Whatever somebody's file may raise.
-                raise SettingError(f"{where}.reset raised {type(error).__name__}: {error}") from error
+            except BaseException as error:
+                raise SettingError(f"{where}.reset {_raised(error)}") from error
 
         def imagine(self, environment: "Tensor", state: "Tensor") -> "Tensor":
             return ask("imagine", tuple(environment.shape), environment, state)

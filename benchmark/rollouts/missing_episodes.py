@@ -10,7 +10,7 @@ from rich.console import Console
 
 from benchmark.episodes.episode import Condition, Episode
 from benchmark.episodes.parts import merge_parts
-from benchmark.episodes.table import episodes_of, read_episodes, store_episodes
+from benchmark.episodes.table import drop_outdated, episodes_of, read_episodes, store_episodes
 from benchmark.settings.config import RunConfig
 from richmap.progress import progress_bar
 
@@ -55,6 +55,12 @@ def run_missing(
             progress.advance(task, len(episodes))
     for parts in written.values():
         merge_parts(parts)
+    dropped = 0
+    for condition in conditions:
+        if condition.entry_hash:
+            dropped += drop_outdated(folder_of(condition), condition)
+    if dropped:
+        console.print(f"{dropped} rows of these episodes, by other files of the method at this scale, are dropped.")
     return stored()
 
 

@@ -1,6 +1,7 @@
 """Rolling a policy out: batches of one fixed shape, an episode always in the same row of its batch."""
 
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -90,7 +91,13 @@ def roll_out_all(jobs: Iterable[tuple[Rollout, Iterable[int]]], workers: int) ->
         yield from map(play, [rollout for rollout, _ in batches], batches.values())
         return
     with worker_pool(workers) as pool:
-        yield from pool.map(play, [rollout for rollout, _ in batches], batches.values())
+        left = {pool.submit(play, rollout, seeds) for (rollout, _), seeds in batches.items()}
+        for played in as_completed([*left]):
+            left.remove(played)
+            if error := played.exception():
+                yield from [each.result() for each in left if each.done() and not each.exception()]
+                raise error
+            yield played.result()
 
 
 def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], None] | None = None) -> list[Episode]:
@@ -101,6 +108,14 @@ def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], No
         seeds: Episode seeds that share a batch.
         watch: Called with each environment, which then renders, after its reset and each of its steps.
     """
+    try:
+        return _play(rollout, seeds, watch)
+    except SettingError:
+        load_policy.cache_clear()  # Its class may have no process any more.
+        raise
+
+
+def _play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], None] | None) -> list[Episode]:
     import torch
 
     shape = rollout.condition.batch_size

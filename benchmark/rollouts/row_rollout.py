@@ -1,5 +1,6 @@
 """Row rollout."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
@@ -13,7 +14,7 @@ from benchmark.episodes.episode import row_name
 from benchmark.rollouts.field_settings import noted_settings
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import ArmConfig, RobotConfig, RunConfig
+from benchmark.settings.config import CLASS_IN_FILE, ArmConfig, LimitsConfig, RobotConfig, RunConfig
 from benchmark.settings.replay_config import ReplayConfig
 from benchmark.settings.task import chosen_task
 from policies.methods import METHODS
@@ -45,7 +46,7 @@ def row_rollout(row: Mapping[str, Any], config: ReplayConfig, console: "Console"
     if entry is None:
         rollout = make_rollout(run, row["lambda"], checkpoint, console)
     else:
-        rollout = entry.rollout(run, checkpoint, console)
+        rollout = entry.at(row["lambda"]).rollout(run, checkpoint, console)
     made, stored = rollout.condition.field_fingerprint, row["field_fingerprint"]
     if made != stored:
         raise SettingError(
@@ -81,7 +82,8 @@ def row_entry(row: Mapping[str, Any], folder: str) -> "Entry | None":
         return None
     if not folder:
         raise SettingError(f"{row_name(row)} is of an entry. Give its folder: entry=<folder>.")
-    entry = Entry.load(Path(folder))
+    is_class = re.fullmatch(CLASS_IN_FILE, folder)
+    entry = Entry.of_class(folder, LimitsConfig()) if is_class else Entry.load(Path(folder))
     if entry.files_hash != row["entry_hash"]:
         raise SettingError(
             f"{row_name(row)} is of an entry whose files have the hash {row['entry_hash'][:16]}, and those in "

@@ -131,7 +131,7 @@ def method_and_cells(row: "pd.Series") -> str:
 def _order(names: Iterable[str]) -> list[str]:
     from policies.methods import METHODS
 
-    return [name for name in METHODS if name in set(names)]
+    return [*sorted({*names} - {*METHODS}), *(name for name in METHODS if name in {*names})]
 
 
 def _panels(number: int, height: float, **options: object) -> tuple["Figure", list]:

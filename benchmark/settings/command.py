@@ -67,6 +67,8 @@ def run_command[Config](
     spec = sys.modules["__main__"].__spec__
     module = spec.name if spec and main.__module__ == "__main__" else f"benchmark.{name}"
     try:
+        if os.environ.get("MUJOCO_GL"):
+            import envs  # noqa: F401, which says whether MuJoCo loads with that.
         flags, overrides = split(sys.argv[1:])
         register(schema, name)
         sweeps = not {"-m", "--multirun"}.isdisjoint(flags) or any(

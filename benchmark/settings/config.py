@@ -3,18 +3,19 @@
 import math
 import os
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
 
-from benchmark.settings.limits import check_memory
+from benchmark.settings.limits import check_memory, memory
 from benchmark.settings.recipe import USUAL, check_recipe
 from benchmark.settings.scenes import VALIDATION, check_scenes
 from benchmark.settings.setting import SettingError, check_setting
 from benchmark.settings.task import chosen_task
-from policies.methods import GUIDED, METHODS, said_of_each
+from policies.methods import METHODS, said_of_each
 from richmap.robots import ROBOTS
 from richmap.similarity.energy_settings import CHOICES, EnergySettings
 
@@ -35,6 +36,9 @@ ORACLE_METHODS = {"plain": "plain_oracle", "aware": "aware_oracle"}
 of their episodes."""
 
 ORACLES = tuple(ORACLE_METHODS)
+
+CLASS_IN_FILE = r".+\.py:\w+"
+"""How a class in a file is written."""
 
 ENTRY_NAME = r"[a-z0-9][a-z0-9_-]{0,39}"  # What an entry may be called.
 
@@ -261,6 +265,29 @@ class WandbConfig:
         check_folder(self.folder, "wandb.folder")
 
 
+@dataclass(unsafe_hash=True)
+class LimitsConfig:
+    """What a class of guidance from a file may take; its process is ended beyond that."""
+
+    seconds: float = 300.0
+    """Time for its answers to a batch of episodes, in s of the clock; from 1 to 86400."""
+    memory: float = 4.0
+    """Resident memory of its process, in GB; from 0.5 to what the machine has."""
+
+    def __post_init__(self) -> None:
+        check_setting(1 <= self.seconds <= 86400, "limits.seconds", self.seconds, "a number from 1 to 86400")
+        most = f"a number from 0.5 to {memory():.0f}, what this machine has"
+        check_setting(0.5 <= self.memory <= memory(), "limits.memory", self.memory, most)
+
+
+def check_method(name: str, setting: str, methods: Iterable[str]) -> None:
+    """Raise `SettingError` unless this is one of these methods, or a class in a file that is there."""
+    if not re.fullmatch(CLASS_IN_FILE, name):
+        check_setting(name in methods, setting, name, f"{', '.join(methods)}, or a class in a file, as in mine.py:Mine")
+    elif not Path(file := name.rpartition(":")[0]).is_file():
+        raise SettingError(f"{setting}={name}: there is no file {file}.")
+
+
 @dataclass
 class RunConfig:
     """Rolls out the xArm6's policy on an arm, without guidance and with it, on the same episodes, and compares."""
@@ -271,9 +298,11 @@ class RunConfig:
     """What is to be done: block_push, or a task of your own as module:NAME (an `envs.task.Task`; its code is run)."""
     guidance_scale: float | None = field(default=0.0, metadata={"more": said_of_each("scale")})
     """Scale of the method, any number >= 0; 0 is direct transfer, null the one that benchmark.choose_scales
-    chose for this method and task, on validation episodes of all conditions of a suite."""
+    chose for this method and task, on validation episodes of all conditions of a suite; of a class in a file, its
+    default_scale."""
     method: str = field(default="paper", metadata={"more": said_of_each("text")})
-    """Guidance, or direct for none; with suite= also plain_oracle or aware_oracle, the scripted ones."""
+    """Guidance, or direct for none, or a subclass of policies.guidance.Guidance in a file, as in path/to/mine.py:Mine
+    (its code is run, in a process of its own); with suite= also plain_oracle or aware_oracle, the scripted ones."""
     suite: str = ""
     """Conditions on all of which the method is rolled out, at its chosen scale, in place of robot, setting and arm:
     push-v1 (conditions with head-room) or official (four arms, embodied and best); a file of conf/suite each."""
@@ -323,16 +352,16 @@ class RunConfig:
     map: MapConfig = field(default_factory=MapConfig)
     energy: EnergyConfig = field(default_factory=EnergyConfig)
     wandb: WandbConfig = field(default_factory=WandbConfig)
+    limits: LimitsConfig = field(default_factory=LimitsConfig)
 
     def __post_init__(self) -> None:
         chosen_task(self.task)
         scale = self.guidance_scale
-        methods = [*METHODS, *(ORACLE_METHODS.values() if self.conditions else ())]
-        check_setting(self.method in methods, "method", self.method, ", ".join(methods))
+        check_method(self.method, "method", [*METHODS, *(ORACLE_METHODS.values() if self.conditions else ())])
         check_setting(bool(self.conditions) or not self.suite, "suite", self.suite, "a file of conf/suite")
         if scale is not None:
             check_setting(math.isfinite(scale) and scale >= 0, "lambda", scale, "any number >= 0, or null")
-            guided = self.method in GUIDED
+            guided = self.method not in ("direct", *ORACLE_METHODS.values())
             check_setting(scale == 0 or guided, "lambda", scale, f"0 with method={self.method}")
         if scale is not None and self.method in METHODS and METHODS[self.method].counts:
             check_setting(scale == int(scale), "lambda", scale, f"a whole number of samples with method={self.method}")
@@ -456,7 +485,7 @@ class EntryConfig:
             value = getattr(self, name)
             check_setting(bool(value.strip()) and value.isprintable(), name, value, "one line of text")
         check_setting(bool(self.policy or self.guidance), "policy", self.policy, "a folder, unless there is guidance")
-        form = not self.guidance or re.fullmatch(r".+\.py:\w+", self.guidance)
+        form = not self.guidance or re.fullmatch(CLASS_IN_FILE, self.guidance)
         check_setting(bool(form), "guidance", self.guidance, "a file and its class, as in guidance.py:MyGuidance")
         check_setting(self.field in ("energy", "feasibility", "none"), "field", self.field, "energy, feasibility, none")
         check_setting(math.isfinite(self.scale), "scale", self.scale, "a number")

@@ -59,7 +59,7 @@ FORMER = {"slots": "batch_size"}
 
 
 def checked(overrides: Iterable[str], known: Mapping[str, Setting], name: str, sweeps: bool) -> list[str]:
-    """The overrides, each text quoted where Hydra would read it otherwise.
+    """The overrides, each text quoted where Hydra would read it otherwise, lists in brackets.
 
     Args:
         overrides: As typed.
@@ -85,6 +85,8 @@ def checked(overrides: Iterable[str], known: Mapping[str, Setting], name: str, s
                 raise SettingError(f"{key} is given twice. Give it once.")
             given.add(key)
         kind = known[key].kind if key in known else object
+        if key in known and isinstance(known[key].default, list) and value and not sweeps and value[0] not in "[$'\"":
+            override, value = f"{key}=[{value}]", f"[{value}]"  # A list may be written as a sweep's values are.
         quoted.append(_readable(override, key, value, kind, sweeps))
     return quoted
 

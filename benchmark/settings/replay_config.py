@@ -24,7 +24,8 @@ class ReplayConfig:
     policy: str = ""
     """Folder of the row's policy, where it is none of ours; empty to look for its weights among ours."""
     entry: str = ""
-    """Folder of the entry that the row is of (see benchmark.enter); empty for a row of our own methods."""
+    """Folder of the entry that the row is of (see benchmark.enter), or its class in a file, as in mine.py:Mine; empty
+    for a row of our own methods."""
     workers: int = 2
     """Processes that sample where a map is to be built; a whole number >= 1."""
     map: MapConfig = field(default_factory=MapConfig)

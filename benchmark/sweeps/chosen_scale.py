@@ -54,6 +54,10 @@ def chosen_scale(stage: "Stage") -> float:
     config = stage.config
     if config.method == "direct":
         return 0.0
+    if stage.entry:
+        if stage.entry.default_scale is None:
+            raise SettingError(f"lambda=null: {config.method} names no default_scale. Give it one, or give lambda.")
+        return stage.entry.default_scale
     file = scales_file(config.scales_dir, stage.task)
     if (chosen := read_scales(file).get(config.method)) is not None:
         return float(chosen["scale"])
@@ -86,7 +90,8 @@ def read_methods(folder: Path, task: "Task", seeds: range) -> "pd.DataFrame":
     from benchmark.episodes.table import read_episodes
 
     tables = []
-    for method in METHODS:
+    others = sorted({each.name for each in folder.glob("*") if each.is_dir()} - {*METHODS})  # Classes in files.
+    for method in (*METHODS, *others):
         table = read_episodes(folder / method)
         if len(table):
             present = table.episode_version == table.setting.map(task.episode_version)

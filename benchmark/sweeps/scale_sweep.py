@@ -1,5 +1,7 @@
 """Scale sweep."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from statistics import mean
@@ -7,9 +9,20 @@ from typing import TYPE_CHECKING
 
 from benchmark.artifacts.fields import guidance_field
 from benchmark.episodes.arm import chosen_arm
+from benchmark.rollouts.entry import Entry
+from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.scoring.scale_table import CHOSEN_FOR
-from benchmark.settings.command import check_setting
-from benchmark.settings.config import ArmConfig, EnergyConfig, MapConfig, RobotConfig, RunConfig, robot_field
+from benchmark.settings.command import SettingError, check_setting
+from benchmark.settings.config import (
+    ArmConfig,
+    EnergyConfig,
+    LimitsConfig,
+    MapConfig,
+    RobotConfig,
+    RunConfig,
+    check_method,
+    robot_field,
+)
 from benchmark.settings.recipe import USUAL
 from benchmark.settings.task import chosen_task
 from benchmark.sweeps.chosen_scale import arm_folder, read_methods
@@ -21,7 +34,9 @@ if TYPE_CHECKING:
 
     from benchmark.rollouts.rollout import Rollout
     from envs.task import Task
+    from policies.guidance import Guidance
     from richmap.similarity.load_field import StoredField
+    from richmap.task_spaces.task_space import TaskSpace
 
 
 COLLAPSE = 0.5
@@ -41,7 +56,11 @@ class ScalesConfig:
     task: str = "block_push"
     """What is to be done (see benchmark.run)."""
     methods: list[str] = field(default_factory=lambda: [*GUIDED])
-    """Methods, as in methods=[paper,towards] (see benchmark.run)."""
+    """Methods, as in methods=[paper,towards], or a class in a file, as in methods=[path/to/mine.py:Mine] (see
+    benchmark.run)."""
+    scale: list[float] = field(default_factory=list)
+    """Scales to try of each method, as in scale=[0.1,0.2], instead of doubled ones; empty for those, which begin at the
+    method's first, or an eighth of a class's default_scale."""
     points: int = 9
     """Most scales of a method, each twice the one before; it ends sooner when the policy collapses. From 1 to 16."""
     seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
@@ -72,10 +91,13 @@ class ScalesConfig:
     arm: ArmConfig = field(default_factory=ArmConfig)
     map: MapConfig = field(default_factory=MapConfig)
     energy: EnergyConfig = field(default_factory=EnergyConfig)
+    limits: LimitsConfig = field(default_factory=LimitsConfig)
 
     def __post_init__(self) -> None:
         for name in self.methods or ["[]"]:
-            check_setting(name in GUIDED, "methods", name, ", ".join(GUIDED))
+            check_method(name, "methods", GUIDED)
+        for scale in self.scale:
+            check_setting(math.isfinite(scale) and scale > 0, "scale", scale, "numbers above 0")
         check_setting(1 <= self.points <= 16, "points", self.points, "a whole number from 1 to 16")
         check_setting(bool(self.seeds), "seeds", self.seeds, "one or more whole numbers")
         validation = 50_000 <= self.seed_start <= 60_000 - self.episodes
@@ -95,9 +117,63 @@ class ScalesConfig:
         return RunConfig(**{name: value for name, value in vars(self).items() if name in names}, seed=seed)
 
 
-def budget(config: ScalesConfig) -> str:
+@dataclass(frozen=True)
+class Swept:
+    """A method whose scale is swept: one of ours, or a class in a file."""
+
+    name: str
+    scales: tuple[float, ...]
+    """Smallest first, without those beyond what is asked."""
+    unit: str
+    """What its scale is."""
+    kind: str | None
+    """Of the field that it looks at."""
+    field: "StoredField | None" = None
+    path: Path | None = None
+    """Of that field."""
+    guidance: GuidanceClass | None = None
+    """The class."""
+
+    def make(self, scale: float, base: tuple[float, float], seed: int, space: "TaskSpace") -> "Guidance":
+        """The method as it acts."""
+        if self.guidance:
+            return self.guidance.make(scale, self.path, base, seed, space.action.width)
+        from policies.setup import Setup
+
+        return METHODS[self.name].make(Setup(scale, self.field, base, seed, space))
+
+
+def swept_methods(config: ScalesConfig, console: "Console") -> list[Swept]:
+    """What is swept, with fields; those of one kind are built once.
+
+    Raises:
+        SettingError: If two are called alike, or it is not known where the scales of a class begin.
+    """
+    arm = chosen_arm(config.run(config.seeds[0]), chosen_task(config.task))
+    found = [_swept(config, method) for method in config.methods]
+    names = [each.name for each in found]
+    check_setting(len({*names}) == len(names), "methods", names, "names of their own")
+    settings = config.map, config.energy, config.workers, console
+    fields = [guidance_field(each.kind, arm, *settings) for each in found]
+    return [replace(each, field=field, path=path) for each, (field, path) in zip(found, fields, strict=True)]
+
+
+def _swept(config: ScalesConfig, method: str) -> Swept:
+    if method in METHODS:
+        ours = METHODS[method]
+        return Swept(method, tuple(sorted(config.scale) or ours.scales(config.points)), ours.scale, ours.field)
+    entry = Entry.of_class(method, config.limits)
+    if not config.scale and not entry.default_scale:
+        raise SettingError(f"{method} names no default_scale. Give it one, or give scale=[0.1,0.2].")
+    first = (entry.default_scale or 0.0) / 8
+    scales = sorted(config.scale) or [first * 2**k for k in range(config.points)]
+    guidance, about = entry.guidance(config.limits), entry.about
+    return Swept(about.name, tuple(scales), "in the class's own unit", entry.kind, guidance=guidance)
+
+
+def budget(config: ScalesConfig, methods: list[Swept]) -> str:
     """What the sweep costs at most."""
-    points = 1 + sum(len(METHODS[method].scales(config.points)) for method in config.methods)
+    points = 1 + sum(len(method.scales) for method in methods)
     episodes = points * len(config.seeds) * config.episodes
     hours = episodes * EPISODE_SECONDS / config.workers / 3600
     return (
@@ -107,43 +183,32 @@ def budget(config: ScalesConfig) -> str:
     )
 
 
-def method_fields(config: ScalesConfig, console: "Console") -> "dict[str, tuple[StoredField | None, Path | None]]":
-    """The field that each method looks at, and its file; those of one kind are built once."""
-    arm = chosen_arm(config.run(config.seeds[0]), chosen_task(config.task))
-    settings = config.map, config.energy, config.workers, console
-    return {method: guidance_field(METHODS[method].field, arm, *settings) for method in config.methods}
-
-
-def guided(direct: "Rollout", method: str, scale: float, field: "StoredField | None", path: Path | None) -> "Rollout":
+def guided(direct: "Rollout", by: Swept, scale: float) -> "Rollout":
     """The same rollout with guidance."""
-    condition = replace(direct.condition, method=method, guidance_scale=scale)
-    if field is not None:
-        fingerprint, cell_size = field.about["fingerprint"], field.grid.cell_size
+    version = by.guidance.version if by.guidance else ""
+    condition = replace(direct.condition, method=by.name, guidance_scale=scale, entry_hash=version)
+    if by.field is not None:
+        fingerprint, cell_size = by.field.about["fingerprint"], by.field.grid.cell_size
         condition = replace(condition, field_fingerprint=fingerprint, cell_size=cell_size)
-    return replace(direct, field=path, kind=METHODS[method].field, condition=condition)
+    return replace(direct, field=by.path, kind=by.kind, condition=condition, guidance=by.guidance)
 
 
-def sweep(
-    config: ScalesConfig,
-    direct: "list[Rollout]",
-    fields: "dict[str, tuple[StoredField | None, Path | None]]",
-    console: "Console",
-) -> "pd.DataFrame":
+def sweep(config: ScalesConfig, direct: "list[Rollout]", methods: list[Swept], console: "Console") -> "pd.DataFrame":
     """Direct transfer and then level by level the next scale of every method that has not collapsed.
 
     Returns:
         These episodes of all methods in the arm's folder, as far as this version of the code produced them.
     """
     reference = run_points({"direct": direct}, config, "Direct transfer", console)["direct"]
-    going = {method: METHODS[method].scales(config.points) for method in config.methods}
-    for level in range(config.points):
+    going, levels = methods, max(len(method.scales) for method in methods)
+    for level in range(levels):
         points = {
-            method: [guided(rollout, method, values[level], *fields[method]) for rollout in direct]
-            for method, values in going.items()
-            if level < len(values)
+            method.name: [guided(rollout, method, method.scales[level]) for rollout in direct]
+            for method in going
+            if level < len(method.scales)
         }
-        rates = run_points(points, config, f"Scale {level + 1} of at most {config.points}", console)
-        going = {method: going[method] for method, rate in rates.items() if rate >= COLLAPSE * reference}
+        rates = run_points(points, config, f"Scale {level + 1} of at most {levels}", console)
+        going = [method for method in going if rates.get(method.name, 0) >= COLLAPSE * reference]
     return read_methods(config.folder, direct[0].task, episode_seeds(config))
 
 
@@ -208,12 +273,14 @@ Being the best of several on these episodes, its {score} here is too high: final
 {units}"""
 
 
-def markdown(table: "pd.DataFrame", task: "Task") -> str:
+def markdown(table: "pd.DataFrame", task: "Task", methods: Sequence[Swept] = ()) -> str:
     """The tables for people, an arm after the other."""
     from benchmark.episodes.arm import base_text, branch_text, setting_text
 
-    units = "\n".join(f"- `{name}`: λ is {method.scale}." for name, method in METHODS.items() if name in GUIDED)
-    parts = [TEXT.format(most=MOST_SAMPLES, units=units, score=task.ranking[0])]
+    own = {method.name: method.unit for method in methods if method.guidance}
+    units = {name: METHODS[name].scale for name in GUIDED} | own
+    said = "\n".join(f"- `{name}`: λ is {unit}." for name, unit in units.items())
+    parts = [TEXT.format(most=MOST_SAMPLES, units=said, score=task.ranking[0])]
     for arm, group in table.groupby(CHOSEN_FOR, sort=True):
         about = dict(zip(CHOSEN_FOR, arm, strict=True))
         parts += [

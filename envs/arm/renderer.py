@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from jaxtyping import UInt8
 
+from envs.drawing import short
 from richmap.outputs import DrawingError
 
 WIDTH, HEIGHT = 480, 360
@@ -118,11 +119,7 @@ def _reason(error: Exception) -> str:
     set_here = {name: os.environ.get(name, "") for name in ("PYOPENGL_PLATFORM", "MUJOCO_GL", "MUJOCO_EGL_DEVICE_ID")}
     suspects = [f"{name}={value}" for name, value in set_here.items() if value.lower() not in ("", "egl")]
     what = f"Unset {', '.join(suspects)} and start again." if suspects else MISSING
-    return f"Pictures are drawn through EGL, which failed ({_short(error)}). {what} Without pictures: render_mode=None."
-
-
-def _short(error: Exception) -> str:
-    return " ".join(str(error).split())[:200] or type(error).__name__
+    return f"Pictures are drawn through EGL, which failed ({short(error)}). {what} Without pictures: render_mode=None."
 
 
 def _close_all() -> None:

@@ -1,0 +1,168 @@
+"""What runs in the process of a stranger's class (`guest`): one that watches, and one in which the class is asked.
+
+Where the system allows it, the class is off the network, and sees and signals no process but those that it started.
+"""
+
+import contextlib
+import ctypes
+import json
+import os
+import resource
+import select
+import signal
+import sys
+import time
+from typing import Any, NoReturn
+
+TICK, LOOK_AROUND = 0.05, 1.0
+"""How often the memory of the class's process is looked at, and that of those that it started, in [s]."""
+MOST_PROCESSES = 64
+"""That a class may start."""
+PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # Of linux/prctl.h.
+
+
+def main(channel: str, status: str, gigabytes: str) -> None:
+    """Start the class's process, and watch over it until it ends or standard input does, as it does with the parent.
+
+    Args:
+        channel: File descriptor over which the class is asked.
+        status: File descriptor to which it is written how its process ended.
+        gigabytes: Resident memory that it may have, with all that it starts.
+    """
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    alone = _alone()
+    ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
+    guest = os.fork()
+    if guest == 0:
+        os.close(int(status))
+        _serve(int(channel), alone)
+    os.close(int(channel))
+    reason = _watch(guest, float(gigabytes))
+    _end_all()
+    with contextlib.suppress(OSError):  # Nobody reads it any more.
+        said = reason.encode()
+        os.write(int(status), len(said).to_bytes(4, "big") + said)  # As `multiprocessing.connection` reads it.
+
+
+def _alone() -> bool:
+    """Whether the system lets the process that comes next have no network and no other processes; so it is done."""
+    user, group = os.getuid(), os.getgid()
+    for kinds in (os.CLONE_NEWNET | os.CLONE_NEWPID, os.CLONE_NEWNET):
+        try:
+            os.unshare(os.CLONE_NEWUSER | kinds)
+        except OSError:
+            continue
+        for name, line in (("setgroups", "deny"), ("uid_map", f"{user} {user} 1"), ("gid_map", f"{group} {group} 1")):
+            with contextlib.suppress(OSError), open(f"/proc/self/{name}", "w") as file:
+                file.write(line)
+        return True
+    return False
+
+
+def _watch(guest: int, gigabytes: float) -> str:
+    """How the class's process ended, or why it has to."""
+    import psutil
+
+    looked = 0.0
+    while True:
+        if select.select([0], [], [], TICK)[0]:
+            return "it is not asked any more"
+        ended, status = os.waitpid(guest, os.WNOHANG)
+        if ended:
+            code = os.waitstatus_to_exitcode(status)
+            return (
+                f"its process ended by {signal.Signals(-code).name}" if code < 0 else f"its process ended with {code}"
+            )
+        with contextlib.suppress(psutil.Error):
+            process = psutil.Process(guest)
+            all_of_it = [process]
+            if time.monotonic() > looked + LOOK_AROUND:
+                all_of_it, looked = [process, *process.children(recursive=True)], time.monotonic()
+            if len(all_of_it) > MOST_PROCESSES:
+                return f"it started more than {MOST_PROCESSES} processes"
+            if sum(map(_resident, all_of_it)) > gigabytes * 1e9:
+                return f"it took more than {gigabytes:g} GB of memory (limits.memory)"
+
+
+def _resident(process: Any) -> int:
+    import psutil
+
+    try:
+        return process.memory_info().rss
+    except psutil.Error:
+        return 0
+
+
+def _end_all() -> None:
+    """Kill the class's process and what it started: orphans become children of this process."""
+    import psutil
+
+    while left := psutil.Process().children(recursive=True):
+        for process in left:
+            with contextlib.suppress(psutil.Error):
+                process.kill()
+        psutil.wait_procs(left, timeout=1)
+
+
+def _serve(channel: int, alone: bool) -> NoReturn:
+    """Answer what is asked, until nothing is any more."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    os.setsid()
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    try:
+        _answer_all(channel, alone)
+    except (EOFError, ConnectionError):
+        pass
+    finally:
+        sys.stdout.flush()
+        os._exit(0)
+
+
+def _answer_all(channel: int, alone: bool) -> NoReturn:
+    import random
+    from multiprocessing.connection import Connection
+
+    import numpy as np
+    import torch
+
+    from benchmark.rollouts.guidance_class import GuidanceClass
+
+    torch.set_num_threads(1)  # As in a rollout's worker process; two threads round otherwise.
+    for seed in (random.seed, np.random.seed, torch.seed):
+        seed()  # From the system: a class that leans on them is found out when it is run again.
+    connection, made = Connection(channel), dict[int, Any]()
+    while True:
+        number, name, arguments, dropped = connection.recv()
+        for each in dropped:
+            made.pop(each, None)
+        try:
+            if name == "start":
+                answer = b"s" + json.dumps(alone).encode()
+            elif name in ("make", "describe"):
+                file, called, *rest = arguments
+                stranger = GuidanceClass(file, called)
+                if name == "make":
+                    number = max(made, default=0) + 1
+                    made[number], about = stranger.load(*rest)
+                    about["number"] = number
+                else:
+                    theirs = stranger.load_class()
+                    about = {name: getattr(theirs, name) for name in ("field_kind", "default_scale")}
+                answer = b"s" + json.dumps(about).encode()
+            else:
+                answer = _answer(made[number], name, arguments)
+        except BaseException as error:  # Whatever somebody's file may raise, also SystemExit.
+            answer = b"e" + (str(error) or type(error).__name__).encode(errors="replace")
+        connection.send_bytes(answer)
+
+
+def _answer(guidance: Any, name: str, arguments: tuple) -> bytes:
+    import torch
+
+    if name == "reset":
+        guidance.reset(*arguments)
+        return b"n"
+    with torch.inference_mode():
+        given = [torch.from_numpy(array) for array in arguments]
+        answer = getattr(guidance, name)(*given)
+        return b"n" if answer is None else b"a" + answer.contiguous().numpy().tobytes()

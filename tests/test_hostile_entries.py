@@ -1,0 +1,113 @@
+"""Classes of guidance from strangers: whatever they do, it is said in a line, and stays in a process of their own."""
+
+import os
+
+import psutil
+import pytest
+import torch
+
+from benchmark import enter
+from benchmark.enter import EnterConfig
+from benchmark.episodes.table import read_episodes
+from benchmark.rollouts.guidance_class import GuidanceClass
+from benchmark.settings.setting import SettingError
+
+pytestmark = pytest.mark.system
+
+HEAD = """
+import ctypes, json, os, socket, sys, time
+import numpy as np
+from policies.guidance import Guidance
+
+class Theirs(Guidance):
+    def __init__(self, field, scale, base, seed):
+        self.begun = 0
+
+    def reset(self, rows):
+        self.begun += 1
+
+    def correct(self, chunk, state):
+"""
+LEAVE = "(os.setsid(), os.fork() or time.sleep(600))"
+CHUNK, STATE = torch.ones(3, 4, 2), torch.zeros(3, 4)
+
+
+def stranger(folder, *lines, seconds=60.0):
+    (folder / "theirs.py").write_text(HEAD + "".join(f"        {line}\n" for line in lines))
+    return GuidanceClass(folder / "theirs.py", "Theirs", seconds=seconds, gigabytes=1.0)
+
+
+def houses():
+    """Processes that this one started for strangers."""
+    children = psutil.Process().children(recursive=True)
+    return [each for each in children if "guest_house" in " ".join(each.cmdline())]
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        (["sys.exit(3)"], "raised SystemExit: 3"),
+        (["raise KeyboardInterrupt"], "raised KeyboardInterrupt"),
+        (["raise ValueError('a\\nb\\x1b[31m')"], r"raised ValueError: a b\[31m"),
+        (["os._exit(0)"], r"gave no answer: its process ended with 0\."),
+        (["ctypes.string_at(0)"], r"gave no answer: its process ended by SIGSEGV\."),
+        (["x = [np.ones(10**8) for _ in range(40)]"], "gave no answer: it took more than 1 GB of memory"),
+        (
+            ["while True: pass"],
+            "gave no answer: it has 3 s for a batch of episodes. Give it more by limits",
+        ),
+        (["for _ in range(7): os.fork()", "time.sleep(60)"], "gave no answer: it (started more|took more)"),
+        ([f"os.fork() or {LEAVE}", "os._exit(1)"], "gave no answer: its process ended with 1"),
+        (["for fd in range(3, 20):", "    try: os.write(fd, bytes(64))", "    except OSError: pass"], "gave"),
+    ],
+    ids=["exit", "interrupt", "signs", "leave", "fault", "memory", "hang", "bomb", "orphan", "garbage"],
+)
+def test_what_ends_a_class_is_said_in_a_line_and_leaves_no_process(tmp_path, lines, message):
+    of = stranger(tmp_path, *lines, seconds=3.0 if "while True: pass" in lines else 60.0)
+    with pytest.raises(SettingError, match=rf"theirs.py: Theirs\.\w+ {message}"):
+        of.make(1.0, None, (0.0, 0.0), 0).correct(CHUNK, STATE)
+    if "raised" not in message:
+        assert not houses()
+
+
+def test_it_has_no_network_and_reaches_no_process_of_ours(tmp_path):
+    guidance = stranger(tmp_path, "socket.create_connection(('192.0.2.1', 9), 2)").make(1.0, None, (0.0, 0.0), 0)
+    (watching, _) = houses()
+    with pytest.raises(SettingError, match="raised OSError: .*unreachable"):
+        guidance.correct(CHUNK, STATE)
+    lines = ["for pid in (1, os.getppid()): pid and os.kill(pid, 9)", f"os.kill({os.getpid()}, 0)"]
+    with pytest.raises(SettingError, match="raised ProcessLookupError"):
+        stranger(tmp_path, *lines).make(1.0, None, (0.0, 0.0), 0).correct(CHUNK, STATE)
+    assert watching.is_running()
+
+
+def test_what_it_changes_stays_with_it(tmp_path):
+    """And its answers are taken as they are: of the right form, finite, our own copy."""
+    lines = ["import benchmark.rollouts.rollout as r", "r.play = r.roll_out_all = None", "return chunk.double() * 2"]
+    guidance = stranger(tmp_path, *lines).make(1.0, None, (0.0, 0.0), 0)
+    answer = guidance.correct(CHUNK, STATE)
+    assert answer.dtype == CHUNK.dtype and (answer == 2).all() and (CHUNK == 1).all()
+    from benchmark.rollouts import rollout
+
+    assert callable(rollout.play)
+
+
+def test_a_process_that_says_of_itself_what_cannot_be_is_not_believed(tmp_path):
+    of = stranger(tmp_path, "return chunk")
+    code = of.file.read_text().replace("    def reset", "    field_kind = 'magic'\n    def reset")
+    for said, message in (("'magic'", "field_kind=magic"), ("'none'\n    default_scale = 'much'", "cannot be read")):
+        of.file.write_text(code.replace("'magic'", said))
+        with pytest.raises(SettingError, match=message):
+            of.attributes()
+
+
+def test_what_was_finished_before_is_kept(tmp_path):
+    stranger(tmp_path, "return chunk if self.begun < 2 else os._exit(5)")
+    (tmp_path / "entry.yaml").write_text("name: late\nauthor: A\ndescription: B\nguidance: theirs.py:Theirs\nscale: 1")
+    few = {"robots": ["xarm6"], "seeds": [42], "episodes": 2, "batch_size": 1, "workers": 1, "device": "cpu"}
+    output = tmp_path.parent / "out"
+    config = EnterConfig(entry=str(tmp_path), output_dir=str(output), **few)
+    with pytest.raises(SettingError, match="its process ended with 5") as refused:
+        enter.main(config)
+    assert "\n" not in str(refused.value)
+    assert read_episodes(output / "late").episode_seed.tolist() == [100_000]
