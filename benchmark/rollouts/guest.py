@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
-from benchmark.rollouts.guidance_class import MOST_CHUNKS, ClassAttributes
+from benchmark.rollouts.stranger import FIELD_KINDS, MOST_CHUNKS, ClassAttributes, Stranger
 from benchmark.settings.setting import SettingError, check_setting
 from policies.guidance import Guidance
 
@@ -32,15 +32,12 @@ if TYPE_CHECKING:
 
     from torch import Tensor
 
-    from benchmark.rollouts.guidance_class import GuidanceClass
-
 START = 300.0
 """How long a process may take to start on a busy machine, in [s]."""
 LONGEST = 1 << 28
 """Of an answer, in bytes."""
 ENDING = 5.0
 """How long a process that has ended may take to say how, in [s]."""
-FIELD_KINDS = ("energy", "feasibility", "none")
 LONGEST_TEXT = 100_000
 """Of what it says of itself, and of errors, in bytes."""
 
@@ -185,14 +182,14 @@ class GuestProcess:
         return b"its process is gone, or answered what is none"
 
 
-def make_guest(of: "GuidanceClass", *arguments: "Any") -> GuestGuidance:
+def make_guest(of: Stranger, *arguments: "Any") -> GuestGuidance:
     """An instance of a class, in the process of that class; the arguments are those of `GuidanceClass.load`."""
     process, about = _told_by(of, "make", *arguments)
     with _believed(of):
         return GuestGuidance(process, f"{of.file}: {of.name}", about, arguments[-1])
 
 
-def class_attributes(of: "GuidanceClass") -> ClassAttributes:
+def class_attributes(of: Stranger) -> ClassAttributes:
     """What a class says of itself in its process."""
     _, about = _told_by(of, "describe")
     with _believed(of):
@@ -203,7 +200,7 @@ def class_attributes(of: "GuidanceClass") -> ClassAttributes:
         return ClassAttributes(kind, scale)
 
 
-def _told_by(of: "GuidanceClass", name: str, *arguments: object) -> "tuple[GuestProcess, dict[str, Any]]":
+def _told_by(of: Stranger, name: str, *arguments: object) -> "tuple[GuestProcess, dict[str, Any]]":
     if not of.file.is_file():
         raise SettingError(f"There is no {of.file}, which should hold the guidance {of.name}.")
     process = _process(of.seconds, of.gigabytes, of.version)
@@ -215,7 +212,7 @@ def _told_by(of: "GuidanceClass", name: str, *arguments: object) -> "tuple[Guest
 
 
 @contextlib.contextmanager
-def _believed(of: "GuidanceClass") -> Iterator[None]:
+def _believed(of: Stranger) -> Iterator[None]:
     """Refuse what a process says of its class, if it is nothing that it could say."""
     try:
         yield

@@ -5,12 +5,12 @@ import inspect
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from benchmark.settings.command import SettingError
+from benchmark.rollouts.stranger import MOST_CHUNKS, ClassAttributes, Stranger
+from benchmark.settings.setting import SettingError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,18 +21,8 @@ if TYPE_CHECKING:
     from policies.guidance import Guidance
 
 
-@dataclass(frozen=True)
-class GuidanceClass:
-    """Where a subclass of `policies.guidance.Guidance` is, and what its process may take."""
-
-    file: Path
-    name: str
-    seconds: float = 300.0
-    """For the answers to a batch of episodes, in [s] of the clock."""
-    gigabytes: float = 4.0
-    """Of resident memory."""
-    version: str = ""
-    """Hash of the files that it is made of; what is imported beside its file is imported once for each."""
+class GuidanceClass(Stranger):
+    """A subclass of `policies.guidance.Guidance` in a file."""
 
     def make(
         self, scale: float, field: Path | None, base: tuple[float, float], seed: int, width: int = 2
@@ -54,7 +44,7 @@ class GuidanceClass:
 
         return make_guest(self, scale, field, base, seed, width)
 
-    def attributes(self) -> "ClassAttributes":
+    def attributes(self) -> ClassAttributes:
         """What the class says of itself.
 
         Raises:
@@ -103,18 +93,6 @@ class GuidanceClass:
         return found
 
 
-@dataclass(frozen=True)
-class ClassAttributes:
-    """What a class says of itself."""
-
-    field_kind: str
-    """Of the field that it is made with: energy, feasibility or none."""
-    default_scale: float | None
-    """Its own scale, in its own unit; None if it names none."""
-
-
-MOST_CHUNKS = 1000
-"""That a class may ask for at once."""
 PLACES = ("reset", "imagine", "push", "descent", "choose", "correct")
 """Where a class can act."""
 
