@@ -226,7 +226,7 @@ def test_a_changed_entry_is_run_again_and_nothing_else(entry, entered, tmp_path,
     (other / "guidance.py").write_text((other / "guidance.py").read_text() + "# Better.\n")
     enter.main(settings(other, tmp_path))
     assert ran[:3] == SEEDS == sorted(ran[3:])  # and once more, each alone
-    assert "3 rows of these episodes, by other files of the entry at this scale, are dropped" in " ".join(
+    assert "3 rows of these episodes, by other files of the method at this scale, are dropped" in " ".join(
         capsys.readouterr().out.split()
     )
     assert {*read_episodes(tmp_path / "mine").entry_hash} == {Entry.load(other).files_hash}
