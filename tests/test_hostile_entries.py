@@ -1,6 +1,8 @@
 """Classes of guidance from strangers: whatever they do, it is said in a line, and stays in a process of their own."""
 
 import os
+import subprocess
+import sys
 
 import psutil
 import pytest
@@ -70,6 +72,13 @@ def test_what_ends_a_class_is_said_in_a_line_and_leaves_no_process(tmp_path, lin
         assert not houses()
 
 
+ALONE = "import os; os.unshare(os.CLONE_NEWUSER | os.CLONE_NEWNET | os.CLONE_NEWPID)"
+
+
+@pytest.mark.skipif(
+    subprocess.run([sys.executable, "-c", ALONE], capture_output=True).returncode != 0,
+    reason="this system lets no process be taken off the network, or from sight of others",
+)
 def test_it_has_no_network_and_reaches_no_process_of_ours(tmp_path):
     guidance = stranger(tmp_path, "socket.create_connection(('192.0.2.1', 9), 2)").make(1.0, None, (0.0, 0.0), 0)
     (watching, _) = houses()
@@ -110,4 +119,4 @@ def test_what_was_finished_before_is_kept(tmp_path):
     with pytest.raises(SettingError, match="its process ended with 5") as refused:
         enter.main(config)
     assert "\n" not in str(refused.value)
-    assert read_episodes(output / "late").episode_seed.tolist() == [100_000]
+    assert read_episodes(output / "late").episode_seed.tolist() == [150_000]
