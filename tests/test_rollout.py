@@ -43,7 +43,9 @@ def test_a_row_holds_what_the_episode_was_run_with_and_what_happened(episodes):
     row = episodes[0].row()
     for column in ("robot", "setting", "method", "lambda", "checkpoint", "checkpoint_hash", "episode_seed", "score"):
         assert column in row
-    assert row["lambda"] == 0 and row["method"] == "direct" and len(row.pop("posture")) == 6 and row.pop("narrowed") == ()
+    assert (
+        row["lambda"] == 0 and row["method"] == "direct" and len(row.pop("posture")) == 6 and row.pop("narrowed") == ()
+    )
     assert all(np.isscalar(value) or value is None for value in row.values())
 
 
