@@ -1,0 +1,285 @@
+"""Failed episodes as pictures and traces without the name of their cause, to be read by somebody, and what came of it.
+
+python -m benchmark.studies.read_causes
+"""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.config import ArmConfig, check_folder
+from richmap.outputs import replacing
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from benchmark.rollouts.rollout import Rollout
+
+CONDITIONS: dict[str, dict[str, Any]] = {
+    "UR3": {"robot": "ur3"},
+    "UR3, base 0.10 m nearer": {"robot": "ur3", "arm": ArmConfig(base=[0.1, 0.0, 0.0])},
+    "UR3 at its best place": {"robot": "ur3", "setting": "best"},
+    "UR5 wrist out, base 0.08 m nearer": {
+        "robot": "ur5",
+        "arm": ArmConfig(base=[0.08, 0.0, 0.0], branch="wrist_out"),
+    },
+    "UR10 wrist out": {"robot": "ur10", "arm": ArmConfig(branch="wrist_out")},
+    "UR10 wrist in, base 0.12 m nearer": {
+        "robot": "ur10",
+        "arm": ArmConfig(base=[0.12, 0.0, 0.0], branch="wrist_in"),
+    },
+    "xArm6, base 0.15 m farther": {"robot": "xarm6", "arm": ArmConfig(base=[-0.15, 0.0, 0.0])},
+}
+"""Where direct transfer fails often, as `benchmark.evaluate` takes them."""
+POLICIES = ("seed42-1", "seed43-1", "seed44-1")
+PER_PAGE = 4
+"""Episodes on a page."""
+FRAMES = (-20, -10, -5, 0, 5, 20)
+"""Pictures of an episode, in steps from where its fault began."""
+
+
+@dataclass
+class ReadCausesConfig:
+    """Draws failed episodes as pictures and traces that do not name the cause, and compares what was read."""
+
+    episodes: int = 16
+    """Validation episodes of each policy in each condition; a whole number >= 1."""
+    drawn: int = 60
+    """Failed ones that are shown; a whole number >= 1."""
+    seed: int = 0
+    """Of the draw; a whole number >= 0."""
+    table: str = "outputs/read_causes"
+    """Folder of the episodes' table."""
+    output_dir: str = "results/causes_read"
+    """Folder of the pages and of answers.json; what was read is in its readings.json, a cause for each number."""
+
+    def __post_init__(self) -> None:
+        for name, least in (("episodes", 1), ("drawn", 1), ("seed", 0)):
+            check_setting(getattr(self, name) >= least, name, getattr(self, name), f"a whole number >= {least}")
+        check_folder(self.output_dir)
+
+
+def main(config: ReadCausesConfig) -> None:
+    """Make the pages, or compare where there are readings."""
+    folder = Path(config.output_dir)
+    if (folder / "readings.json").exists():
+        print(compared(folder))
+        return
+    shown = draw(rolled_out(config), config.drawn, config.seed)
+    folder.mkdir(parents=True, exist_ok=True)
+    answers: dict[str, Any] = {}
+    figures = (figure for figure in traced(shown, config.table, answers))
+    for page in range(-(-len(shown) // PER_PAGE)):
+        pictures = [picture for picture, _ in zip(figures, range(PER_PAGE), strict=False)]
+        print(stacked(pictures, folder / f"page{page:02d}.jpg"))
+    with replacing(folder / "answers.json") as path:
+        path.write_text(json.dumps(answers, indent=1) + "\n")
+
+
+def rolled_out(config: ReadCausesConfig) -> "pd.DataFrame":
+    """Direct transfer's episodes in all conditions, with the column `condition`."""
+    import pandas as pd
+
+    from benchmark.rollouts.evaluation import evaluate
+
+    tables = []
+    for name, condition in CONDITIONS.items():
+        for policy in POLICIES:
+            rows = evaluate(
+                policy,
+                episodes=config.episodes,
+                output_dir=config.table,
+                batch_size=config.episodes,
+                workers=1,
+                **condition,
+            )
+            tables.append(rows.assign(condition=name))
+    return pd.concat(tables, ignore_index=True)
+
+
+def draw(episodes: "pd.DataFrame", number: int, seed: int) -> "pd.DataFrame":
+    """Failed episodes: of each condition and cause one, then of each another one, and so on, in random order.
+
+    Raises:
+        SettingError: If fewer failed.
+    """
+    failed = episodes[episodes.failure_cause.notna()].sample(frac=1, random_state=seed)
+    if len(failed) < number:
+        raise SettingError(f"{len(failed)} episodes failed, and {number} are to be drawn. Raise episodes.")
+    turn = failed.groupby(["condition", "failure_cause"]).cumcount()
+    return failed.loc[turn.sort_values(kind="stable").index[:number]].sample(frac=1, random_state=seed + 1)
+
+
+def traced(shown: "pd.DataFrame", table: str, answers: dict[str, Any]) -> "Iterator[Figure]":
+    """A figure of each of these episodes, played again; what they failed by goes to `answers` under their numbers."""
+    from rich.console import Console
+
+    from benchmark.episodes.episode import row_id
+    from benchmark.rollouts.row_rollout import row_rollout
+    from benchmark.settings.replay_config import ReplayConfig
+
+    for number, row in enumerate(shown.to_dict("records"), 1):
+        rollout = row_rollout(row, ReplayConfig(table=table), Console(quiet=True))
+        infos, pictures, began = seen(rollout, row["episode_seed"])
+        answers[f"{number}"] = {
+            "condition": row["condition"], "policy": row["checkpoint"], "seed": row["episode_seed"],
+            "cause": row["failure_cause"], "row": row_id(row),
+        }  # fmt: skip
+        yield drawn(f"{number}: {row['condition']}", infos, pictures, began, rollout)
+
+
+def seen(rollout: "Rollout", seed: int) -> "tuple[list[dict], list[tuple[int, np.ndarray]], int]":
+    """Infos of an episode, its pictures with their steps, and the step in which its fault began."""
+    import dataclasses
+
+    import gymnasium
+    import mujoco
+
+    from benchmark.rollouts.rollout import alone
+    from envs.block_push.failure import failure
+    from envs.block_push.workspace import WORKSPACE
+
+    kept: list[dict] = []
+    states: list[np.ndarray] = []
+    environments: list[gymnasium.Env] = []
+
+    def summarize(infos: list[dict]) -> Any:
+        kept.extend(infos)
+        return rollout.task.summarize(infos)
+
+    def watch(env: gymnasium.Env) -> None:
+        environments[:] = [env]
+        states.append(env.unwrapped.physics[1].qpos.copy())  # type: ignore[attr-defined]
+
+    task = dataclasses.replace(rollout.task, summarize=summarize)
+    alone(dataclasses.replace(rollout, task=task), seed, watch)
+    found = failure(kept, WORKSPACE)
+    assert found is not None
+    pictures, (env,) = [], environments
+    model, data = env.unwrapped.physics  # type: ignore[attr-defined]
+    last = len(states) - 1
+    for step in sorted({min(max(0, found[0] + frame), last) for frame in FRAMES} | {last}):
+        data.qpos[:] = states[step]
+        mujoco.mj_forward(model, data)
+        pictures.append((step, env.render()))
+    return kept, pictures, found[0]
+
+
+def drawn(
+    title: str, infos: list[dict], pictures: "list[tuple[int, np.ndarray]]", began: int, rollout: "Rollout"
+) -> "Figure":
+    """Pictures of an episode over its traces."""
+    import numpy as np
+    from matplotlib.figure import Figure
+
+    from envs.arm.lost_command import AT_LIMIT, LOST
+    from envs.block_push.failure import BEHIND, TOOL_TILTED, recorded
+    from envs.block_push.workspace import WORKSPACE
+
+    record = recorded(infos)
+    figure = Figure((12, 5.2), layout="constrained")
+    above, below = figure.subfigures(2, 1, height_ratios=(1, 1.5))
+    for axes, (step, picture) in zip(above.subplots(1, len(FRAMES) + 1), pictures, strict=False):
+        axes.imshow(picture)
+        axes.set_title(f"step {step}", fontsize=7)
+    for axes in above.axes:
+        axes.axis("off")
+    figure.suptitle(title, fontsize=9, x=0.01, ha="left")
+    base = record["base"][:, :2]
+    blocks = record["block_positions"][..., :2]
+    outside = np.maximum(WORKSPACE[0] - BEHIND - blocks, blocks - WORKSPACE[1] - BEHIND).max(axis=2)
+    panels: dict[str, tuple[dict[str, np.ndarray], float | None]] = {
+        "from the base [m]": (
+            {
+                "command": np.linalg.norm(record["commanded"] - base, axis=1),
+                "flange": np.linalg.norm(record["flange"][:, :2] - base, axis=1),
+                "block": np.linalg.norm(blocks[:, 0] - base, axis=1).clip(max=1),
+                "block 2": np.linalg.norm(blocks[:, 1] - base, axis=1).clip(max=1),
+            },
+            None,
+        ),
+        "missing [mm]": (
+            {"command to flange": 1e3 * record["tracking_error"], "by kinematics": 1e3 * record["ik_residual"]},
+            1e3 * LOST,
+        ),
+        "joint to limit [rad]": ({"margin": record["joint_limit_margin"]}, AT_LIMIT),
+        "tilt [deg]": (
+            {"tool": np.degrees(record["tool_tilt"]), "blocks": np.degrees(record["block_tilt"].max(axis=1))},
+            np.degrees(TOOL_TILTED),
+        ),
+        "touches": (
+            {"itself": record["self_contact"] * 1.0, "table": record["table_contact"] * 1.0 + 0.05},
+            None,
+        ),
+        "block in target": (
+            {"block": record["block_in_target"][:, 0], "block 2": record["block_in_target"][:, 1] + 0.05},
+            None,
+        ),
+        "block moved in 1 s [mm]": (
+            {
+                name: 1e3 * np.linalg.norm(blocks[10:, i] - blocks[:-10, i], axis=1).clip(max=0.1)
+                for i, name in enumerate(("block", "block 2"))
+            },
+            None,
+        ),
+        "block outside [m]": (
+            {name: outside[:, i].clip(-0.1, 0.1) for i, name in enumerate(("block", "block 2"))},
+            0.0,
+        ),
+    }
+    for axes, (name, (curves, line)) in zip(below.subplots(2, 4).ravel(), panels.items(), strict=True):
+        plot(axes, name, curves, line, began)
+    return figure
+
+
+def plot(axes: "Axes", name: str, curves: "dict[str, np.ndarray]", line: float | None, began: int) -> None:
+    """Curves over the steps, a dashed line at the value that tells a fault, a dotted one where it began."""
+    for label, values in curves.items():
+        axes.plot(values, linewidth=0.8, label=label)
+    if line is not None:
+        axes.axhline(line, color="grey", linewidth=0.6, linestyle="--")
+    axes.axvline(began, color="black", linewidth=0.6, linestyle=":")
+    axes.set_title(name, fontsize=7, pad=2)
+    axes.tick_params(labelsize=6)
+    axes.legend(fontsize=5, loc="upper left")
+
+
+def stacked(figures: "list[Figure]", file: Path) -> Path:
+    """Figures one under another in a file."""
+    import numpy as np
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    pictures = []
+    for figure in figures:
+        canvas = FigureCanvasAgg(figure)
+        figure.set_dpi(90)
+        canvas.draw()
+        pictures.append(np.asarray(canvas.buffer_rgba())[..., :3])
+    with replacing(file) as path:
+        Image.fromarray(np.vstack(pictures)).save(path, quality=45)
+    return file
+
+
+def compared(folder: Path) -> str:
+    """What was read beside what is stored: how many agree, and those that do not."""
+    answers, readings = (json.loads((folder / f"{name}.json").read_text()) for name in ("answers", "readings"))
+    rows = [
+        f"| {number} | {answer['condition']} | {answer['policy']}, {answer['seed']} | {readings[number]} "
+        f"| {answer['cause']} |"
+        for number, answer in answers.items()
+        if readings[number] != answer["cause"]
+    ]
+    said = f"{len(answers) - len(rows)} of {len(answers)} episodes were read as they are stored."
+    head = ["", "| number | condition | policy, seed | read | stored |", "|---|---|---|---|---|"]
+    return "\n".join([said, *(head + rows if rows else [])])
+
+
+if __name__ == "__main__":
+    run_command(main, ReadCausesConfig, "read_causes")
