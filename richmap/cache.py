@@ -14,7 +14,7 @@ import platformdirs
 from filelock import FileLock, Timeout
 
 from richmap.files import FileRefusedError
-from richmap.outputs import CacheError
+from richmap.outputs import UNFINISHED, CacheError
 
 PACKAGES = ("pin", "coal", "numpy", "scipy", "numba", "torch", "pytorch-kinematics")
 """Whose versions decide what is in the cache; pinned exactly."""
@@ -93,7 +93,7 @@ def clear_leftovers() -> None:
     A lock's file, which is empty, stays: it is of use to the next build.
     """
     cache, week_ago = Path(platformdirs.user_cache_dir("richmap")), time() - WEEK
-    for path in [path for path in cache.glob("builds/*") if path.is_dir()] + list(cache.glob("*/.*.tmp")):
+    for path in [path for path in cache.glob("builds/*") if path.is_dir()] + list(cache.glob(f"*/{UNFINISHED}")):
         try:
             if max(part.stat().st_mtime for part in [path, *path.glob("*")]) < week_ago:
                 with FileLock(f"{path}.lock", timeout=0):

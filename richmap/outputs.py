@@ -2,9 +2,13 @@
 
 import errno
 import os
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+UNFINISHED = ".*.tmp*"
+"""Names of files that `replacing` has not put in their place; those of killed processes stay."""
 
 
 class CacheError(ValueError):
@@ -26,7 +30,7 @@ def replacing(file: Path) -> Iterator[Path]:
     if file.exists() and not file.is_file():
         raise FileExistsError(errno.EEXIST, "No regular file, and never replaced", str(file))
     file.parent.mkdir(parents=True, exist_ok=True)
-    temporary = file.with_name(f".{file.stem}.{os.getpid()}.tmp{file.suffix}")
+    temporary = file.with_name(f".{file.stem}.{secrets.token_hex(8)}.tmp{file.suffix}")
     try:
         yield temporary
         os.replace(temporary, file)

@@ -7,6 +7,7 @@ import pytest
 from filelock import FileLock
 
 from richmap.cache import WEEK, clear_leftovers
+from richmap.outputs import replacing
 
 
 @pytest.fixture
@@ -19,9 +20,9 @@ def test_what_killed_builds_left_is_cleared_after_a_week(cache):
     for name in ("builds/old", "builds/new", "builds/busy"):
         (cache / name).mkdir(parents=True)
         (cache / name / "rows").write_bytes(b"rows")
-    (cache / "maps").mkdir()
-    for name in ("maps/.half.safetensors.7.tmp", "maps/whole.safetensors"):
-        (cache / name).write_bytes(b"")
+    killed = replacing(cache / "maps" / "half.safetensors")  # As if its process were, nothing comes after.
+    for path in (killed.__enter__(), cache / "maps" / "whole.safetensors"):
+        path.write_bytes(b"")
     before = time.time() - WEEK - 60
     for path in cache.rglob("*"):
         if "new" not in path.parts:
