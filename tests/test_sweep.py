@@ -220,19 +220,15 @@ def test_a_killed_worker_ends_a_sweep_and_sigterm_ends_its_workers(swept, tmp_pa
 
 def test_a_cluster_s_jobs_store_the_same_rows_and_are_logged(swept, cache, tmp_path, offline_runs):
     rows, *_, folder = swept
-    arguments = ["episodes=2", f"policy={folder / 'good'}", "hydra/launcher=submitit_local"]
-    for number in range(3):
-        output = tmp_path / str(number)
-        output.mkdir()
-        wandb = ["wandb.mode=offline", f"wandb.folder={output}", "wandb.group=mine"]
-        ended = sweep(output, *arguments, *wandb).wait(timeout=900)
-        if "_log.out" not in (output / "log.txt").read_text():
-            break  # Else submitit, on a busy machine, had made a job's folder later than the job, which wants it.
-    assert ended == 0
+    # A folder of all jobs is there before the first: submitit makes a folder of each too late for it on a busy machine.
+    jobs = ["hydra/launcher=submitit_local", f"hydra.launcher.submitit_folder={tmp_path / 'jobs'}"]
+    wandb = ["wandb.mode=offline", f"wandb.folder={tmp_path}", "wandb.group=mine"]
+    ended = sweep(tmp_path, "episodes=2", f"policy={folder / 'good'}", *jobs, *wandb).wait(timeout=900)
+    assert ended == 0, (tmp_path / "log.txt").read_text()
     columns, first = ["lambda", "episode_seed", "p2", "length"], rows[rows.episode_seed < rows.episode_seed.min() + 2]
-    again, before = (table[columns].sort_values(columns).to_numpy() for table in (read_episodes(output), first))
+    again, before = (table[columns].sort_values(columns).to_numpy() for table in (read_episodes(tmp_path), first))
     assert (again == before).all()
-    runs = offline_runs(output)
+    runs = offline_runs(tmp_path)
     assert sorted(run.kind for run in runs) == ["curve", "evaluation", "evaluation", "field"]
     assert {run.group for run in runs} == {"mine"}
     (curve,), (field,) = ([run for run in runs if run.kind == kind] for kind in ("curve", "field"))
