@@ -6,10 +6,11 @@ import pytest
 
 from richmap.motion.collision import SelfCollision, self_collision
 from richmap.physics.mujoco_model import arm_spec
-from richmap.robots.robots import ROBOTS, load_robot
+from richmap.robots import FITTED
+from richmap.robots.robots import load_robot
 
 
-@pytest.fixture(params=ROBOTS)
+@pytest.fixture(params=FITTED)
 def robot(request):
     return load_robot(request.param)
 

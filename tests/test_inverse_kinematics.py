@@ -102,7 +102,7 @@ def test_few_iterations_come_as_near_as_many():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"robot": "ur4"}, "There is no robot 'ur4'. Robots: gen3, iiwa7, panda, ur10"),
+        ({"robot": "ur4"}, "There is no robot 'ur4'. Robots: al5d, baxter, gen3, iiwa14"),
         ({"robot": "ur3", "setting": "real"}, "There is no setting 'real'. Settings: original, embodied, best"),
         ({"robot": "xarm6", "branch": "wrist_in"}, "xarm6 has no branch 'wrist_in'. Branches: wrist_out, found"),
         ({"robot": "ur5", "base": (0.1, 0.0)}, "base is x, y, z in metres. Got 2 numbers"),

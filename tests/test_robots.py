@@ -5,6 +5,7 @@ import pytest
 
 from richmap.physics.convex_parts import THINNEST, convex_parts, thickness
 from richmap.physics.mujoco_model import arm_spec, kinematic_spec
+from richmap.robots import FITTED
 from richmap.robots.robot_file import RobotFile
 from richmap.robots.robots import ROBOTS, load_robot, robot_file
 
@@ -30,7 +31,7 @@ def test_a_description_is_the_one_that_maps_were_built_of(name):
     assert load_robot(name).fingerprint.startswith(FINGERPRINTS[name])
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", FITTED)
 def test_mujoco_takes_every_arm_and_moves_it_alike_with_shapes_and_without(name):
     robot = load_robot(name)
     whole, bare = arm_spec(robot).compile(), kinematic_spec(robot).compile()
@@ -38,7 +39,7 @@ def test_mujoco_takes_every_arm_and_moves_it_alike_with_shapes_and_without(name)
     assert np.array_equal(whole.body_mass, bare.body_mass) and np.array_equal(whole.body_ipos, bare.body_ipos)
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", FITTED)
 def test_no_part_is_too_thin_to_collide(name):
     assert all(thickness(part) >= THINNEST for parts in convex_parts(load_robot(name)).values() for part in parts)
 
@@ -71,7 +72,7 @@ def test_somebodys_arm_is_a_file_beside_its_model(tmp_path):
     "text, message",
     [
         ("{file: a.urdf, base: foot}", "It says file, base and end_effector"),
-        ("{file: a.urdf, base: foot, end_effector: tip, colour: red}", "may say approach, base, branches"),
+        ("{file: a.urdf, base: foot, end_effector: tip, colour: red}", "may say approach, as_given, base, branches"),
         ("{file: a, base: b, end_effector: c, settings: {best: {branch: up}}}", "in branch 'up'"),
         ("[file", "mine.yaml is no arm's file"),
         ("{file: a, base: b, end_effector: c, branches: {up: {pose: [0]}}}", "posture"),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from benchmark.settings.command import check_setting, run_command
 from richmap.outputs import replacing
-from richmap.robots import ROBOTS
+from richmap.robots import FITTED, ROBOTS
 
 if TYPE_CHECKING:
     import mujoco
@@ -30,7 +30,7 @@ REJECTED, LET_THROUGH = 0.02, 0.05
 class SelfCollisionConfig:
     """Compares the convex parts that simulators collide with exact triangles, on configurations drawn afresh."""
 
-    robots: list[str] = field(default_factory=lambda: [*ROBOTS])
+    robots: list[str] = field(default_factory=lambda: [*FITTED])
     """Arms, as in robots=[ur3,ur5]; their rows replace older ones in the table."""
     configurations: int = 20_000
     """Least number of configurations per arm, uniform within the joint limits; a whole number >= 1."""

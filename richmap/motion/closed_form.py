@@ -16,7 +16,7 @@ BRANCHES = 8
 
 
 def has_closed_form(robot: RobotDescription) -> bool:
-    """Whether EAIK can decompose the arm; of those that the package knows, it is the Universal Robots."""
+    """Whether EAIK can decompose the arm; it can where three axes that follow each other are parallel or meet."""
     return _decomposition(robot) is not None
 
 

@@ -6,7 +6,8 @@ from richmap.motion.collision import self_collision
 from richmap.motion.kinematics import flange_frames, joint_frames
 from richmap.motion.reach import reach_ball
 from richmap.motion.sampling import roll_about_approach
-from richmap.robots.custom import APPROACHES, approach_pose, some_of
+from richmap.robots.meshes import some_of
+from richmap.robots.reading import APPROACHES, approach_pose
 from richmap.robots.robot import RobotDescription
 
 ALONG = np.cos(np.radians(1))

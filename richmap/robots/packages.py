@@ -55,25 +55,34 @@ def named_file(name: str, file: Path) -> Path:
     Raises:
         ValueError: If there is none; says where it was looked for.
     """
-    hint = ""
+    hint, first = "", None
+    for found in _named_files(name, file):
+        first = first or found
+        for each in (found, Path(unquote(str(found)))):
+            if each.is_file():
+                return each.resolve()
     if name.startswith(NAMED):
-        package, _, inside = name.partition("://")[2].partition("/")
-        tried = [folder / inside for folder in package_folders(package, file)]
+        package = name.partition("://")[2].partition("/")[0]
         hint = (
             f" Package {package!r} is looked for in the folders above {file} and beside those, by its package.xml too, "
             "then in AMENT_PREFIX_PATH and ROS_PACKAGE_PATH."
         )
-        if not tried:  # A copy under another name, perhaps, without its package.xml.
-            tried = [folder / inside for folder in file.parents if (folder / inside).is_file()]
-        if not tried:
+        if first is None:
             raise ValueError(f"there is no package {package!r}.{hint}")
-    else:
-        tried = [file.parent / name.removeprefix("file://localhost").removeprefix("file://")]
-    for found in tried:
-        for each in (found, Path(unquote(str(found)))):
-            if each.is_file():
-                return each.resolve()
-    raise ValueError(f"there is no file {tried[0]}.{hint}")
+    raise ValueError(f"there is no file {first}.{hint}")
+
+
+def _named_files(name: str, file: Path) -> Iterator[Path]:
+    """Where a file may be that a description names, the likeliest place first."""
+    if not name.startswith(NAMED):
+        yield file.parent / name.removeprefix("file://localhost").removeprefix("file://")
+        return
+    package, _, inside = name.partition("://")[2].partition("/")
+    folder = None
+    for folder in package_folders(package, file):
+        yield folder / inside
+    if folder is None:  # A copy under another name, perhaps, without its package.xml.
+        yield from (each / inside for each in file.parents if (each / inside).is_file())
 
 
 def expanded(file: Path) -> ET.Element:

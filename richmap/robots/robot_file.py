@@ -1,38 +1,48 @@
 """An arm's file: where its model comes from, what is put right in it, and how it is known to do tasks.
 
-`NAME.yaml` beside this module is the arm NAME; a file of somebody else's may lie anywhere. Of the keys below only
-`file`, `base` and `end_effector` are needed.
+`NAME.yaml` beside this module is the arm NAME; a file of somebody else's may lie anywhere. Both are read by the same
+rules (`richmap.robots.reading`). Of the keys below only `file`, `base` and `end_effector` are needed.
 
-- `package`: distribution that `file` is a file of; without one it is relative to the arm's own file, and checked.
+- `package`: distribution that `file` is a file of; without one it is relative to the arm's own file.
 - `file`: URDF, xacro (`.xacro`) or MJCF (`.xml`).
-- `base`, `end_effector`: link that is fixed to the world, and flange, whose +z is the approach direction.
-- `approach`, `srdf`, `ignore`: as in `custom_robot`, of a file without a package.
-- `packages`: folder, in the same distribution, in which meshes `package://...` are looked for.
+- `base`, `end_effector`: link that is fixed to the world, and link whose +z is the approach direction.
+- `approach`, `srdf`, `ignore`: as in `custom_robot`.
 - `source`, `licence`: what is said about it.
+
+What is put right, and why is said beside it:
+
+- `unit`: of the file's lengths, in [m], where they are not metres.
+- `shown: true`: links collide by what is shown of them. `collision`: `folder`, `rpy` and `meshes` by link, in place of
+  all collision shapes. `without`: links that collide with nothing.
 - `origins`: for child links, the xyz in [m] and rpy in [rad] of the joints that carry them, in place of the file's.
-- `collision`: `folder`, `rpy` and `meshes` by link, in place of all collision shapes.
-- `full_turns`: continuous joints become revolute ones of one turn. `extras: false`: only what is used is kept.
+- `limits`: least and greatest angle of joints, in [rad], in place of the file's.
+- `frames`: links that the file lacks: the link that carries each, and its xyz in [m] and rpy in [rad] there.
+- `as_given: true`: the chain's text stays as it stands, without what lies beside it and the pairs that never touch:
+  maps and episodes of that arm are of that text. Then `full_turns: true` makes continuous joints revolute ones of one
+  turn, and `extras: false` keeps what is used only.
+
+How it does tasks:
+
 - `branches`: postures that name a branch, roughly holding the tool upright in front of the arm with joint 1 at zero, in
   [rad], each with `bounds` in [rad] of joints that keep to it.
 - `settings`: in which branch the arm does tasks in a setting, and where it then stands, `base`, in [m].
 """
 
 import importlib.metadata
-import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from richmap.robots.custom import custom_robot
-from richmap.robots.mjcf import urdf_from_mjcf
+from richmap.robots import corrections
+from richmap.robots.reading import read_arm
 from richmap.robots.robot import RobotDescription
-from richmap.robots.urdf import clean_urdf, with_full_turns, with_origins, without_extras
 
 KEYS = {
-    "package", "file", "base", "end_effector", "packages", "source", "licence", "origins", "collision", "full_turns",
-    "extras", "branches", "settings", "approach", "srdf", "ignore",
+    "package", "file", "base", "end_effector", "approach", "srdf", "ignore", "source", "licence", "as_given",
+    "branches", "settings", *corrections.KEYS,
 }  # fmt: skip
 
 
@@ -94,29 +104,25 @@ class RobotFile:
             ValueError: If its package is not installed, or the model not there.
         """
         model, file = self.model, self._located(self.model["file"])
-        base, end_effector = model["base"], model["end_effector"]
-        if "package" in model:
-            meshes = {"package://": f"{self._located(model['packages'])}/"} if "packages" in model else {}
-            urdf = clean_urdf(_urdf(file), meshes, base, end_effector)
-            kept: dict[str, Any] = {}
-        else:
-            srdf = self._located(model["srdf"]) if "srdf" in model else None
-            read = custom_robot(file, base, end_effector, model.get("approach", "z"), srdf, model.get("ignore", ()))
-            urdf, end_effector = read.urdf, read.end_effector
-            kept = {"unchecked": read.unchecked, "notes": read.notes}
-        if "origins" in model:
-            urdf = with_origins(urdf, {link: (xyz, rpy) for link, (xyz, rpy) in model["origins"].items()})
-        if "collision" in model:
-            urdf = self._with_meshes(urdf, **model["collision"])
-        if model.get("full_turns"):
-            urdf = with_full_turns(urdf)
-        if not model.get("extras", True):
-            urdf = without_extras(urdf)
+        try:
+            robot = read_arm(
+                file,
+                model["base"],
+                model["end_effector"],
+                model.get("approach", "z"),
+                self._located(model["srdf"]) if "srdf" in model else None,
+                model.get("ignore", ()),
+                partial(corrections.put_right, said=model, located=self._located),
+                as_given=model.get("as_given", False),
+                known="package" in model,
+            )
+        except ValueError as error:
+            raise ValueError(f"{self.path.name}: {error}") from error
         source = [model.get("source", file.name)]
         if "package" in model:
             source.insert(0, f"{model['package']} {importlib.metadata.version(model['package'])}")
         licence = model.get("licence", "unknown")
-        return RobotDescription(self.path.stem, urdf, base, end_effector, ", ".join(source), licence, **kept)
+        return replace(robot, name=self.path.stem, source=", ".join(source), licence=licence)
 
     def _located(self, file: str) -> Path:
         """A file of the package, or one relative to the arm's own."""
@@ -127,28 +133,6 @@ class RobotFile:
         except importlib.metadata.PackageNotFoundError as error:
             raise ValueError(f"{self.path.name}: package {self.model['package']} is not installed.") from error
         return Path(str(package.locate_file(file))).resolve()
-
-    def _with_meshes(self, urdf: str, folder: str, rpy: str, meshes: dict[str, str]) -> str:
-        """Collision shapes that are one mesh per link, turned by `rpy` in [rad]."""
-        root = ET.fromstring(urdf)
-        for link in root.iter("link"):
-            for collision in link.findall("collision"):
-                link.remove(collision)
-            if link.get("name") in meshes:
-                collision = ET.SubElement(link, "collision")
-                ET.SubElement(collision, "origin", xyz="0 0 0", rpy=rpy)
-                file = self._located(folder) / meshes[link.get("name")]
-                ET.SubElement(ET.SubElement(collision, "geometry"), "mesh", filename=str(file))
-        return ET.tostring(root, encoding="unicode")
-
-
-def _urdf(file: Path) -> str:
-    """The text of a model as URDF."""
-    if file.suffix == ".xacro":
-        import xacro
-
-        return xacro.process_file(file).toxml()
-    return urdf_from_mjcf(file) if file.suffix == ".xml" else file.read_text(encoding="utf-8")
 
 
 def _branch(posture: list, bounds: dict[str, list] | None = None) -> Branch:
