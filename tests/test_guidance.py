@@ -149,6 +149,7 @@ def test_the_arms_ring_is_found_and_stored(distance, tmp_path):
 def test_where_the_table_ends_first_the_ring_is_open():
     radius = np.linspace(0.3, 0.7, 41)[:, None]
     assert feasible_ring(np.full(radius.shape, True), radius, 0.02) == (0, np.inf)
+    assert feasible_ring(np.full(radius.shape, False), radius, 0.02) == (0, np.inf)  # None: nothing to push into.
     assert feasible_ring(radius > 0.5, radius, 0.02) == (pytest.approx(0.5, abs=0.021), np.inf)
 
 

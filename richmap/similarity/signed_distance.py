@@ -24,7 +24,8 @@ class SignedDistanceField(GridField):
     """Signed distance to the border of what an arm can hold, in [m]: above 0 where it cannot."""
 
     inner: float
-    """Inner radius of the widest ring about the base that the arm can hold, in [m]; 0 where the table ends before."""
+    """Inner radius of the widest ring about the base that the arm can hold, in [m]; 0 where the table ends before, or
+    there is no ring."""
     outer: float
     """Its outer radius, in [m]; infinity likewise."""
 
@@ -83,17 +84,15 @@ def feasible_ring(
         width: Of the rings that are looked at one by one, in [m].
 
     Returns:
-        Inner and outer radius, in [m]; 0 and infinity where the table ends before the ring does.
-
-    Raises:
-        ValueError: If there is no such ring.
+        Inner and outer radius, in [m]; 0 and infinity where the table ends before the ring does, and where there is no
+        such ring, as with a first joint that hardly turns.
     """
     number = np.floor(radius / width).astype(int).ravel()
     cells = np.bincount(number)
     share = np.bincount(number, weights=feasible.ravel()) / np.maximum(cells, 1)
     whole = np.flatnonzero(cells)[share[cells > 0] >= 0.9]  # numbers of the rings that are feasible
     if len(whole) == 0:
-        raise ValueError("The arm can hold its tool upright on no whole ring about its base.")
+        return 0.0, np.inf
     runs = np.split(whole, np.flatnonzero(np.diff(whole) > 1) + 1)
     longest = max(runs, key=len)
     first, last = np.flatnonzero(cells)[[0, -1]]
