@@ -153,7 +153,7 @@ def direct_transfer(config: EnterConfig, runs: "Sequence[RunConfig]", console: "
     from benchmark.artifacts.known_policies import RESULTS, checkpoint_folder, shipped
     from benchmark.episodes.table import episodes_of, read_present
     from benchmark.rollouts.make_rollout import make_rollout
-    from benchmark.rollouts.missing_episodes import run_and_store_all
+    from benchmark.rollouts.missing_episodes import play_and_store
 
     if not shipped(task=config.task):  # Of another task we have no policies.
         return pd.DataFrame()
@@ -161,7 +161,7 @@ def direct_transfer(config: EnterConfig, runs: "Sequence[RunConfig]", console: "
     rollouts = [make_rollout(run, 0.0, path, console) for run in runs for path in checkpoints]
     if config.scenes.start < FIRST_TEST_SEED:
         run = replace(runs[0], output_dir=str(Path(config.output_dir, "direct")))
-        return pd.concat(run_and_store_all(rollouts, run, "direct transfer", console))
+        return pd.concat(play_and_store(rollouts, run, console, "direct transfer"))
     published = read_present(RESULTS / "methods", rollouts[0].task)
     tables = [episodes_of(published, rollout.condition) for rollout in rollouts]
     return pd.concat(
@@ -173,8 +173,8 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     """Roll out and store what is missing, and print the scores of each arm, setting and policy; gives the rows."""
     import pandas as pd
 
-    from benchmark.rollouts.missing_episodes import run_and_store_all
-    from benchmark.rollouts.rollout import alone
+    from benchmark.rollouts.missing_episodes import play_and_store
+    from benchmark.rollouts.players import play_all
     from benchmark.scoring.scores import by_condition, with_interval
 
     folder = Path(run.output_dir)
@@ -186,7 +186,7 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     _check_author(entry, folder)
     with replacing(folder / "entry.yaml") as path:
         shutil.copyfile(entry.folder / "entry.yaml", path)
-    tables = run_and_store_all(rollouts, run, entry.about.name, console)
+    tables = play_and_store(rollouts, run, console, entry.about.name)
     scales = [*{rollout.condition.guidance_scale for rollout in rollouts}]
     for row in (by_condition(table, rollouts[0].task).iloc[0] for table in tables):
         scores = ", ".join(f"{name} {with_interval(row, name)}" for name in rollouts[0].task.score_names)
@@ -194,7 +194,8 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
         console.print(f"{named}, n = {row.n}: {scores}", soft_wrap=True)
     made = pd.concat(tables)
     some = made.sample(min(ALONE, len(made)), random_state=0)
-    again = (alone(rollouts[nearest(row, rollouts)[0]], row["episode_seed"]) for row in some.to_dict("records"))
+    each_alone = ((rollouts[nearest(row, rollouts)[0]], [row["episode_seed"]]) for row in some.to_dict("records"))
+    again = chain.from_iterable(play_all(each_alone, workers=1))
     if refused := list(otherwise(some, again)):
         (folder / "episodes").rename(folder / f"refused-{time.time_ns()}")
         raise SettingError(
@@ -220,7 +221,7 @@ def check(config: EnterConfig, rollouts: "Sequence[Rollout]", console: "Console"
     import numpy as np
 
     from benchmark.episodes.checked_rows import read_checked
-    from benchmark.rollouts.rollout import roll_out_all
+    from benchmark.rollouts.players import play_all
 
     table = read_checked(Path(config.table), rollouts[0].task)
     refused = list(refusals(table, rollouts, config.scenes))
@@ -230,7 +231,7 @@ def check(config: EnterConfig, rollouts: "Sequence[Rollout]", console: "Console"
         seeds: dict[Rollout, list[int]] = {}
         for row in sample.to_dict("records"):
             seeds.setdefault(rollouts[nearest(row, rollouts)[0]], []).append(row["episode_seed"])
-        again = chain.from_iterable(roll_out_all(seeds.items(), config.workers))
+        again = chain.from_iterable(play_all(seeds.items(), config.workers))
         refused = list(otherwise(sample, again))
     for reason in refused[:SHOWN]:
         console.print(f"Refused: {reason}", soft_wrap=True, highlight=False)

@@ -5,7 +5,7 @@ python -m benchmark.oracle robot=ur3 setting=embodied episodes=300 oracle=aware
 
 from pathlib import Path
 
-from benchmark.rollouts.arm_oracle import ArmOracle, play_missing
+from benchmark.rollouts.arm_oracle import ArmOracle
 from benchmark.settings.command import run_command
 from benchmark.settings.config import OracleConfig
 
@@ -15,6 +15,7 @@ def main(config: OracleConfig) -> None:
     from rich.console import Console
 
     from benchmark.episodes.arm import arm_name, chosen_arm
+    from benchmark.rollouts.missing_episodes import play_missing
     from benchmark.scoring.scores import causes_text
     from benchmark.scoring.statistics import rate_interval
     from benchmark.settings.task import chosen_task
@@ -24,7 +25,7 @@ def main(config: OracleConfig) -> None:
     output_dir, console = Path(config.output_dir) / arm_name(player.arm), Console()
     seeds = range(config.seed_start, config.seed_start + config.episodes)
     name = f"{player.oracle.capitalize()} oracle on {player.arm.robot}, {player.arm.setting}"
-    (table,) = play_missing([player], seeds, output_dir, config.workers, name, console)
+    (table,) = play_missing([player], seeds, lambda _: output_dir, config.workers, name, console)
     for name in task.score_names:
         values = table[name].to_numpy(dtype=float)
         low, high = rate_interval(values)

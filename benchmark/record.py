@@ -14,7 +14,7 @@ from benchmark.rollouts.video import record, write_film
 from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.config import ORACLE_METHODS, SOURCE, RunConfig
 from benchmark.settings.replay_config import ReplayConfig
-from benchmark.sweeps.chosen_scale import rollouts_of
+from benchmark.sweeps.chosen_players import rollouts_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -74,8 +74,8 @@ def _draw_rows(config: RecordConfig, console: "Console") -> None:
     from benchmark.rollouts.row_rollout import row_rollout
 
     replay = ReplayConfig(
-        table=config.table, task=config.task, row=config.row, policy=config.policy, entry=config.entry,
-        workers=config.workers, map=config.map, energy=config.energy,
+        table=config.table, task=config.task, row=config.row, robot=config.robot, policy=config.policy,
+        entry=config.entry, workers=config.workers, map=config.map, energy=config.energy,
     )  # fmt: skip
     rows = chosen_rows(replay) if config.row else read_tables(Path(config.table), config.task)
     if config.failed:

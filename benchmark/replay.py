@@ -6,12 +6,12 @@ python -m benchmark.replay table=results/entries/mine entry=mine random=20
 
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmark.episodes.episode import NOT_REPLAYED, differences
-from benchmark.rollouts.rollout import alone
-from benchmark.rollouts.row_rollout import check_version, row_rollout
+from benchmark.rollouts.row_rollout import check_arm, check_version, row_rollout, row_settings
 from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.config import ORACLE_METHODS
 from benchmark.settings.replay_config import ReplayConfig
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from benchmark.episodes.episode import Episode
-    from envs.task import Task
+    from benchmark.rollouts.arm_oracle import ArmOracle
 
 
 def main(config: ReplayConfig) -> None:
@@ -89,22 +89,22 @@ def again(row: Mapping[str, Any], config: ReplayConfig, console: "Console") -> "
     Raises:
         SettingError: If it is of another episode version, or a piece that it was made with is missing.
     """
+    seed = row["episode_seed"]
     if row["method"] in ORACLE_METHODS.values():
-        return oracle_alone(row, chosen_task(config.task))
-    return alone(row_rollout(row, config, console), row["episode_seed"])
+        (episode,) = row_oracle(row, config).play([seed])
+    else:
+        (episode,) = row_rollout(row, config, console).play([seed])
+    return episode
 
 
-def oracle_alone(row: Mapping[str, Any], task: "Task") -> "Episode":
-    """The episode of a scripted oracle."""
-    from benchmark.episodes.arm import arm_of
-    from benchmark.episodes.episode import Episode
-    from benchmark.rollouts.arm_oracle import ArmOracle, play_chunk
+def row_oracle(row: Mapping[str, Any], config: ReplayConfig) -> "ArmOracle":
+    """The scripted oracle of a row."""
+    from benchmark.sweeps.chosen_players import oracle_of
 
-    check_version(row, task)
-    (oracle,) = [name for name, method in ORACLE_METHODS.items() if method == row["method"]]
-    player, seed = ArmOracle(task, arm_of(row, task), oracle), row["episode_seed"]
-    (outcome,) = play_chunk((player, (seed,)))
-    return Episode(player.condition, seed, 0, outcome)
+    check_version(row, chosen_task(config.task))
+    oracle = oracle_of(replace(row_settings(row, config, guided=False), method=row["method"], guidance_scale=0.0))
+    check_arm(row, oracle.arm)
+    return oracle
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ python -m benchmark.run -m experiment=transfer
 """
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from benchmark.settings.command import run_command
 from benchmark.settings.config import RunConfig
@@ -14,28 +15,38 @@ from benchmark.settings.task import chosen_task
 from benchmark.sweeps.job import run_job
 from benchmark.sweeps.sweep import end_sweep
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 
 def main(config: RunConfig) -> None:
     """Roll out at lambda and at 0 on the same episodes, store every episode, and print the comparison."""
     from rich.console import Console
 
-    from benchmark.rollouts.missing_episodes import run_and_store
-    from benchmark.scoring.report import print_report
-    from benchmark.sweeps.chosen_scale import note_on_tuning, rollouts_of
+    from benchmark.rollouts.missing_episodes import play_and_store
+    from benchmark.sweeps.chosen_players import chosen_players
+    from benchmark.sweeps.chosen_scale import note_on_tuning
     from benchmark.sweeps.experiment_log import log_run
-    from benchmark.sweeps.suite_run import show_suite, suite_rows
 
     console = Console()
-    if config.conditions:
-        rows = suite_rows(config, console, with_direct=True)
-        show_suite(config.suite, config.conditions, rows, chosen_task(config.task))
-        return
     if note := note_on_tuning(config):
         console.print(note)
-    rollouts = rollouts_of(config, console)
-    tables = [run_and_store(rollout, config, console) for rollout in rollouts]
-    print_report(rollouts[0].task, tables, Path(config.output_dir))
-    log_run(config, rollouts, tables)
+    players = chosen_players(config, console)
+    tables = play_and_store(players, config, console)
+    _show(config, tables)
+    log_run(config, players, tables)
+
+
+def _show(config: RunConfig, tables: "list[pd.DataFrame]") -> None:
+    import pandas as pd
+
+    from benchmark.scoring.report import print_report
+    from benchmark.scoring.suite_table import show_suite
+
+    if config.conditions:
+        show_suite(config.suite, config.conditions, pd.concat(tables, ignore_index=True), chosen_task(config.task))
+    else:
+        print_report(chosen_task(config.task), tables, Path(config.output_dir))
 
 
 if __name__ == "__main__":

@@ -17,13 +17,12 @@ from benchmark.settings.task import chosen_task
 class ShowConfig:
     """Prints what the episodes of a folder come to, and draws their curves."""
 
-    table: str = "results"
-    """A table of episodes, or a folder: all tables in it and below."""
+    table: str = ""
+    """A table of episodes, or a folder: all tables in it and below; empty for results, or results/suites/<suite>."""
     task: str = "block_push"
     """What the episodes are of (see benchmark.run)."""
     suite: str = ""
-    """Conditions by which the episodes are shown, with ceilings and shares of head-room (see benchmark.run); then table
-    is results/suites/<suite> unless it is given."""
+    """Conditions by which the episodes are shown, with ceilings and shares of head-room (see benchmark.run)."""
     output_dir: str = ""
     """Folder that curves.png goes to; empty for that of the table."""
 
@@ -31,7 +30,7 @@ class ShowConfig:
         chosen_task(self.task)
         if self.suite:
             suite_conditions(self.suite)
-            self.table = f"results/suites/{self.suite}" if self.table == ShowConfig.table else self.table
+        self.table = self.table or (f"results/suites/{self.suite}" if self.suite else "results")
         check_setting(Path(self.table).exists(), "table", self.table, "a table of episodes, or a folder of them")
         if self.output_dir:
             check_folder(self.output_dir)
@@ -41,7 +40,7 @@ def main(config: ShowConfig) -> None:
     """Print method, scale and arm with the score that ranks and the paired difference to direct transfer; draw it."""
     from benchmark.episodes.table import read_present
     from benchmark.scoring.own_results import show_results
-    from benchmark.sweeps.suite_run import show_suite
+    from benchmark.scoring.suite_table import show_suite
 
     path, task = Path(config.table), chosen_task(config.task)
     episodes = read_present(path, task)

@@ -109,7 +109,7 @@ def validate(config: SourcePoliciesConfig, console: "Console") -> "pd.DataFrame"
     import pandas as pd
 
     from benchmark.rollouts.make_rollout import make_rollout
-    from benchmark.rollouts.missing_episodes import run_and_store_all
+    from benchmark.rollouts.missing_episodes import play_and_store
 
     run = RunConfig(
         robot=RobotConfig("xarm6"),
@@ -125,7 +125,7 @@ def validate(config: SourcePoliciesConfig, console: "Console") -> "pd.DataFrame"
         for step, path in training.checkpoints.items()
     ]
     rollouts = [make_rollout(run, 0.0, Path(str(candidate["path"])), console) for candidate in candidates]
-    tables = run_and_store_all(rollouts, run, f"{len(rollouts)} candidates", console)
+    tables = play_and_store(rollouts, run, console, f"{len(rollouts)} candidates")
     return pd.DataFrame(
         [
             {**candidate, "hash": rollout.condition.checkpoint_hash, "n": len(table), "length": table.length.mean()}

@@ -12,7 +12,6 @@ from benchmark.episodes.episode import as_frame
 from benchmark.episodes.parts import write_part
 from benchmark.episodes.table import read_episodes, store_episodes
 from benchmark.rollouts.make_rollout import make_rollout
-from benchmark.rollouts.rollout import play
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import RobotConfig, RunConfig
 from benchmark.studies.cause_videos import CauseVideosConfig, examples, main, markdown
@@ -31,7 +30,7 @@ def stored(tmp_path_factory):
     """An episode that fails."""
     folder = tmp_path_factory.mktemp("stored")
     config = RunConfig(robot=RobotConfig("ur3"), batch_size=2, device="cpu")
-    store_episodes(folder, play(make_rollout(config, 0.0, checkpoint_folder(42), Console(quiet=True)), [SEED]))
+    store_episodes(folder, make_rollout(config, 0.0, checkpoint_folder(42), Console(quiet=True)).play([SEED]))
     return folder
 
 
@@ -54,7 +53,7 @@ def unseen(monkeypatch):
 
     def record(rollout, seed, file):
         file.touch()
-        return play(rollout, [seed])[0]
+        return rollout.play([seed])[0]
 
     monkeypatch.setattr("benchmark.rollouts.video.record", record)
 

@@ -5,9 +5,10 @@ import re
 from pathlib import Path
 
 import pytest
-from hydra import compose, initialize_config_dir
+from hydra import compose
 
 from benchmark.settings import command
+from benchmark.settings.composition import composing
 from benchmark.settings.setting import settings_of
 
 ROOT = Path(__file__).parents[1]
@@ -24,7 +25,9 @@ def commands():
 def test_a_command_s_settings_compose_and_are_described(module, schema, name):
     schema = getattr(importlib.import_module(module), schema)
     command.register(schema, name)
-    with initialize_config_dir(str(command.CONF), version_base="1.3"):
+    with composing(name):
         config = compose(name)
+        if "suite" in settings_of(schema) and name != "run":  # Of which `conf/` has files.
+            assert compose(name, ["suite=official"]).suite == "official"
     assert command.typed(config, schema) == schema()
     assert [setting for setting, about in settings_of(schema).items() if not about.text] == []

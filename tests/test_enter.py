@@ -23,7 +23,7 @@ from benchmark.episodes.checked_rows import read_checked
 from benchmark.episodes.episode import Episode, as_frame
 from benchmark.episodes.parts import parts_in, write_part
 from benchmark.episodes.table import read_episodes
-from benchmark.rollouts import rollout
+from benchmark.rollouts import players, rollout
 from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.scoring.ranking import counted, protocols_of
@@ -193,11 +193,11 @@ def test_which_rows_are_replayed_the_entry_does_not_decide(entry, entered, tmp_p
     """Its file is run before, and may seed NumPy as many do."""
     drawn = []
 
-    def roll_out_all(wanted, workers):
+    def play_all(wanted, workers):
         drawn.extend(seed for _, seeds in wanted for seed in seeds)
         return []
 
-    monkeypatch.setattr(rollout, "roll_out_all", roll_out_all)
+    monkeypatch.setattr(players, "play_all", play_all)
     table = sent(entered, tmp_path, lambda rows: rows)
     for _ in range(16):
         np.random.seed(0)
@@ -216,7 +216,7 @@ def test_a_changed_entry_is_run_again_and_nothing_else(entry, entered, tmp_path,
         ran.extend(seeds)
         return [Episode(rolled.condition, seed, seed % 3, outcomes[seed]) for seed in seeds]
 
-    monkeypatch.setattr(rollout, "play", play)
+    monkeypatch.setattr(rollout.Rollout, "play", play)
     shutil.copytree(entered / "mine", tmp_path / "mine")
     enter.main(settings(entry, tmp_path))
     assert sorted(ran) == SEEDS  # Each alone, though stored: a call may have been killed before it looked.

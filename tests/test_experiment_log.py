@@ -15,7 +15,7 @@ import pytest
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.artifacts.wandb_run import log_checkpoint, start_experiment, unharmed
 from benchmark.episodes.episode import Condition
-from benchmark.rollouts.rollout import Rollout, alone
+from benchmark.rollouts.rollout import Rollout
 from benchmark.settings.config import RobotConfig, RunConfig, WandbConfig
 from benchmark.sweeps.experiment_log import log_curves, log_evaluation, log_field
 from envs.block_push.arm import block_push_arm
@@ -160,7 +160,7 @@ def test_the_first_episode_is_logged_as_a_video(evaluated, tmp_path, offline_run
     assert run.history[-1]["video._type"] == "video-file"
     (file,) = tmp_path.glob("wandb/offline-run-*/files/media/videos/*.gif")
     pictures = imageio.imread(file)
-    played = alone(rollout, 100_009).outcome
+    played = rollout.play([100_009])[0].outcome
     shown = played.length // 2 + 1  # Every other step, and how it began; of pictures that are equal, one is kept.
     assert 0.8 * shown < len(pictures) <= shown
     assert np.ptp(pictures[0]) > 100 and (pictures[0] != pictures[-1]).any()

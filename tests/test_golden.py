@@ -11,9 +11,9 @@ import pytest
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.episodes.arm import arm_of
 from benchmark.episodes.episode import Condition, plain
-from benchmark.rollouts.arm_oracle import ArmOracle, play_chunk
+from benchmark.rollouts.arm_oracle import ArmOracle
 from benchmark.rollouts.guidance_class import GuidanceClass
-from benchmark.rollouts.rollout import Rollout, alone
+from benchmark.rollouts.rollout import Rollout
 from benchmark.settings.config import ORACLE_METHODS
 from envs.block_push.task import BLOCK_PUSH
 
@@ -59,7 +59,7 @@ def played(condition: dict, seed: int):
     """Outcome of an episode."""
     if condition["method"] in ORACLE_METHODS.values():
         (oracle,) = [name for name, method in ORACLE_METHODS.items() if method == condition["method"]]
-        return play_chunk((ArmOracle(BLOCK_PUSH, arm_of(condition, BLOCK_PUSH), oracle), (seed,)))[0]
+        return ArmOracle(BLOCK_PUSH, arm_of(condition, BLOCK_PUSH), oracle).play([seed])[0].outcome
     field = condition["field_fingerprint"]
     rollout = Rollout(
         BLOCK_PUSH,
@@ -69,4 +69,4 @@ def played(condition: dict, seed: int):
         FOLDER / "fields" / f"{field[:16]}.safetensors" if field else None,
         GuidanceClass(HAND_OVER, "HandOver") if condition["method"] == "hand-over" else None,
     )
-    return alone(rollout, seed).outcome
+    return rollout.play([seed])[0].outcome

@@ -10,7 +10,6 @@ from rich.console import Console
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.guidance_class import GuidanceClass
-from benchmark.rollouts.rollout import play
 from benchmark.settings.config import RobotConfig, RunConfig
 from envs.block_push.pushing import push
 from richmap.similarity.signed_distance import SignedDistanceField
@@ -101,5 +100,5 @@ def test_on_a_ur3_it_places_both_where_the_policy_alone_fails():
     seed, console = 50101, Console(quiet=True)
     run = RunConfig(robot=RobotConfig("ur3"), setting="embodied", batch_size=1, device="cpu")
     rollout = Entry.load(FOLDER).rollout(run, checkpoint_folder(42), console)
-    (episode,) = play(rollout, [seed])
+    (episode,) = rollout.play([seed])
     assert episode.outcome.p2

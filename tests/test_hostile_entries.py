@@ -92,13 +92,17 @@ def test_it_has_no_network_and_reaches_no_process_of_ours(tmp_path):
 
 def test_what_it_changes_stays_with_it(tmp_path):
     """And its answers are taken as they are: of the right form, finite, our own copy."""
-    lines = ["import benchmark.rollouts.rollout as r", "r.play = r.roll_out_all = None", "return chunk.double() * 2"]
+    lines = [
+        "import benchmark.rollouts.rollout as r",
+        "r.Rollout.play = r.load_policy = None",
+        "return chunk.double() * 2",
+    ]
     guidance = stranger(tmp_path, *lines).make(1.0, None, (0.0, 0.0), 0)
     answer = guidance.correct(CHUNK, STATE)
     assert answer.dtype == CHUNK.dtype and (answer == 2).all() and (CHUNK == 1).all()
     from benchmark.rollouts import rollout
 
-    assert callable(rollout.play)
+    assert callable(rollout.Rollout.play)
 
 
 def test_a_process_that_says_of_itself_what_cannot_be_is_not_believed(tmp_path):

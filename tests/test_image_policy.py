@@ -14,7 +14,7 @@ from lerobot.policies import make_policy, make_policy_config, make_pre_post_proc
 
 import benchmark
 from benchmark.episodes.episode import differences
-from benchmark.replay import alone, row_rollout
+from benchmark.replay import row_rollout
 from benchmark.rollouts.rollout import _channels_first
 from benchmark.rollouts.stock_policy import StockPolicy
 from benchmark.settings.command import SettingError
@@ -83,7 +83,7 @@ def test_it_is_evaluated_and_its_rows_replay(sighted, tmp_path):
     row = rows.iloc[1].to_dict()
     rollout = row_rollout(row, ReplayConfig(table=str(tmp_path), policy=str(sighted), random=1), None)
     drawn = []
-    episode = alone(rollout, row["episode_seed"], lambda env: drawn.append(env.render().shape))
+    (episode,) = rollout.play([row["episode_seed"]], lambda env: drawn.append(env.render().shape))
     assert differences(row, episode) == {}
     assert set(drawn) == {(360, 480, 3)}  # What is watched has a size of its own.
 

@@ -12,7 +12,6 @@ from rich.console import Console
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.episodes.table import store_episodes
 from benchmark.rollouts.make_rollout import make_rollout
-from benchmark.rollouts.rollout import play
 from benchmark.settings.config import RobotConfig, RunConfig
 from benchmark.studies.lerobot_agreement import compare, lerobot_eval
 from envs import ENVIRONMENTS
@@ -35,7 +34,7 @@ def ours(ur3):
     """Our episodes, with all noise zero."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("policies.noise.episode_noise", lambda seeds, step, shape: torch.zeros(len(seeds), *shape))
-        return play(ur3, [FIRST, FIRST + 1]) + play(ur3, [FIRST + 2])
+        return ur3.play([FIRST, FIRST + 1]) + ur3.play([FIRST + 2])
 
 
 def test_with_the_same_noise_lerobots_episodes_are_ours(ur3, ours):

@@ -16,7 +16,7 @@ from benchmark.episodes.parts import parts_in
 from benchmark.episodes.table import read_episodes
 from benchmark.leaderboard import LeaderboardConfig
 from benchmark.rollouts.make_rollout import make_rollout
-from benchmark.rollouts.missing_episodes import run_and_store
+from benchmark.rollouts.missing_episodes import play_and_store
 from benchmark.scoring.report import print_report
 from benchmark.settings.config import OracleConfig, RobotConfig, RunConfig
 from benchmark.settings.replay_config import ReplayConfig
@@ -49,7 +49,7 @@ def settings(policy, output_dir, **values):
 
 def rolled_out(config):
     rollout = make_rollout(config, 0.0, chosen_checkpoint(config), QUIET)
-    return run_and_store(rollout, config, QUIET)
+    return play_and_store([rollout], config, QUIET)[0]
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +90,7 @@ def test_what_is_stored_is_not_played_again(policies, tmp_path, monkeypatch):
     rolled_out(settings(policies[0], tmp_path, episodes=6))
     before = read_episodes(tmp_path)
     assert sorted(rolled_out(settings(policies[0], tmp_path)).episode_seed) == [*range(150_000, 150_010)]
-    monkeypatch.setattr("benchmark.rollouts.rollout.play", None)  # Nothing that it could play with.
+    monkeypatch.setattr("benchmark.rollouts.rollout.Rollout.play", None)  # Nothing that it could play with.
     assert len(rolled_out(settings(policies[0], tmp_path))) == 10
     kept = read_episodes(tmp_path).set_index("episode_seed").loc[before.episode_seed]
     assert kept.closeness.tolist() == before.closeness.tolist()

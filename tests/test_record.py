@@ -9,7 +9,6 @@ from rich.console import Console
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.record import RecordConfig, main
 from benchmark.rollouts.make_rollout import make_rollout
-from benchmark.rollouts.rollout import play
 from benchmark.rollouts.video import record
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import RobotConfig, RunConfig
@@ -31,7 +30,7 @@ def test_an_episode_is_recorded_as_a_worker_plays_it_whatever_the_number_of_thre
         torch.set_num_threads(2)
         recorded = record(rollout, 100_017, tmp_path / "episode.gif")
         torch.set_num_threads(1)
-        by_one = play(rollout, [100_017])[0]
+        by_one = rollout.play([100_017])[0]
     finally:
         torch.set_num_threads(before)
     assert recorded.row() == by_one.row()

@@ -16,7 +16,6 @@ from benchmark.episodes.table import read_episodes, store_episodes
 from benchmark.rollouts import arm_oracle
 from benchmark.rollouts.field_settings import note_settings
 from benchmark.rollouts.make_rollout import make_rollout
-from benchmark.rollouts.rollout import play
 from benchmark.rollouts.row_rollout import row_settings
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import EnergyConfig, MapConfig, OracleConfig, RobotConfig, RunConfig
@@ -34,7 +33,7 @@ def stored(tmp_path_factory):
     """Rows of two episodes that shared their batch."""
     folder = tmp_path_factory.mktemp("stored")
     rollout = make_rollout(CONFIG, 0.01, checkpoint_folder(42), Console(quiet=True))
-    store_episodes(folder, play(rollout, [50_000, 50_001]))
+    store_episodes(folder, rollout.play([50_000, 50_001]))
     return folder
 
 
@@ -105,6 +104,24 @@ def test_a_row_is_picked_by_its_id_and_has_to_be_there(stored):
         replay.chosen_rows(ReplayConfig(table=str(stored / "nowhere"), random=1))
 
 
+def _joint(number, axis, xyz, rpy="0 0 0"):
+    parent, child = f"link{number - 1}" if number > 1 else "base", f"link{number}"
+    return (
+        f'<link name="{child}"/><joint name="{number}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>'
+        '<limit lower="-6.2" upper="6.2" effort="1" velocity="3"/></joint>'
+    )
+
+
+LIKE_A_UR5 = f"""<robot name="mine"><link name="base"/>
+{_joint(1, "0 0 1", "0 0 0.089159")}{_joint(2, "0 1 0", "0 0.13585 0", "0 1.5707963267948966 0")}
+{_joint(3, "0 1 0", "0 -0.1197 0.425")}{_joint(4, "0 1 0", "0 0 0.39225", "0 1.5707963267948966 0")}
+{_joint(5, "0 0 1", "0 0.093 0")}{_joint(6, "0 1 0", "0 0 0.09465")}
+<link name="tool"/><joint name="mount" type="fixed"><parent link="link6"/><child link="tool"/>
+<origin xyz="0 0.0823 0" rpy="-1.5707963267948966 0 0"/></joint></robot>"""
+"""Without shapes."""
+
+
 def test_an_oracles_row_replays_too(tmp_path, capsys):
     config = OracleConfig(RobotConfig("ur3"), oracle="aware", episodes=2, output_dir=str(tmp_path), workers=1)
     oracle.main(config)
@@ -115,11 +132,26 @@ def test_an_oracles_row_replays_too(tmp_path, capsys):
     assert "ur3, embodied, aware_oracle" in shown and "bit-equal: " in shown and "differs" not in shown
 
 
+def test_a_row_of_an_arm_that_does_not_ship_replays_with_its_file(tmp_path, capsys):
+    file = tmp_path / "mine.urdf"
+    file.write_text(LIKE_A_UR5)
+    mine = RobotConfig("custom", str(file), "base", "tool")
+    oracle.main(OracleConfig(mine, episodes=1, output_dir=str(tmp_path), workers=1))
+    with pytest.raises(SettingError, match="an arm that does not ship. Give what it was run with: robot=custom"):
+        replay.main(ReplayConfig(table=str(tmp_path), random=1))
+    replay.main(ReplayConfig(table=str(tmp_path), random=1, robot=mine))
+    shown = capsys.readouterr().out
+    assert "bit-equal: " in shown and "differs" not in shown
+    file.write_text(LIKE_A_UR5.replace("0.425", "0.43"))
+    with pytest.raises(SettingError, match="Give its files and robot.* as they were"):
+        replay.main(ReplayConfig(table=str(tmp_path), random=1, robot=mine))
+
+
 def test_what_the_oracle_played_is_not_played_again(tmp_path, monkeypatch):
     config = OracleConfig(RobotConfig("ur5"), episodes=2, output_dir=str(tmp_path), workers=1)
     oracle.main(config)
     before = read_episodes(tmp_path / "ur5-embodied")
-    monkeypatch.setattr(arm_oracle, "play_chunk", None)  # Nothing that it could play with.
+    monkeypatch.setattr(arm_oracle.ArmOracle, "play", None)  # Nothing that it could play with.
     oracle.main(config)
     pd.testing.assert_frame_equal(read_episodes(tmp_path / "ur5-embodied"), before)
 

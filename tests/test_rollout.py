@@ -9,7 +9,7 @@ from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.episodes.arm import branch_of
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.rollouts.make_rollout import make_rollout
-from benchmark.rollouts.rollout import load_policy, play
+from benchmark.rollouts.rollout import load_policy
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import ArmConfig, RobotConfig, RunConfig
 from richmap.geometry.grid import Grid
@@ -27,11 +27,11 @@ def rollout():
 
 @pytest.fixture(scope="module")
 def episodes(rollout):
-    return play(rollout, [50_001, 50_002])
+    return rollout.play([50_001, 50_002])
 
 
 def test_an_episode_replays_alone_to_the_last_bit(rollout, episodes):
-    alone = play(rollout, [50_002])
+    alone = rollout.play([50_002])
     assert alone == [episodes[1]]
 
 
@@ -69,7 +69,7 @@ def test_a_strangers_guidance_acts(rollout, tmp_path):
     file.write_text(GUIDANCE)
     condition = dataclasses.replace(rollout.condition, method="mine", guidance_scale=0.0)
     still = dataclasses.replace(rollout, condition=condition, guidance=GuidanceClass(file, "Still"))
-    (episode,) = play(still, [50_001])
+    (episode,) = still.play([50_001])
     assert episode.outcome.failure_cause == "dithering" and not episode.outcome.p1
     with pytest.raises(ValueError, match="no class NoGuidance that is a policies.guidance.Guidance"):
         GuidanceClass(file, "NoGuidance").make(1.0, None, (0.0, 0.0), 0)
@@ -105,7 +105,7 @@ def test_single_choices_of_the_arm_reach_the_environment_and_the_row():
     )
     rollout = make_rollout(config, 0.0, checkpoint_folder(42), Console())
     bases = set()
-    (episode,) = play(rollout, [50_000], watch=lambda env: bases.add(env.unwrapped.arm.base))
+    (episode,) = rollout.play([50_000], watch=lambda env: bases.add(env.unwrapped.arm.base))
     assert bases == {(0.06, 0.0, 0.0)}
     row = episode.row()
     assert row["base_x"] == 0.06 and not row["self_collision"] and branch_of(row) == "wrist_out"
@@ -139,4 +139,4 @@ def test_the_slope_of_the_field_is_added_lambda_times(tmp_path):
 def test_an_impossible_arm_is_refused():
     config = dataclasses.replace(CONFIG, robot=RobotConfig("ur3"), arm=ArmConfig(base=[-0.9, 0.0, 0.0]))
     with pytest.raises(ValueError, match="hold the tool"):
-        play(make_rollout(config, 0.0, checkpoint_folder(42), Console()), [50_000])
+        make_rollout(config, 0.0, checkpoint_folder(42), Console()).play([50_000])

@@ -32,12 +32,11 @@ EPISODE = """
 from pathlib import Path
 from rich.console import Console
 from benchmark.settings.config import RobotConfig, RunConfig
-from benchmark.rollouts.rollout import alone
 from benchmark.rollouts.make_rollout import make_rollout
 
 policy = Path("results/checkpoints/seed42-1")
 rollout = make_rollout(RunConfig(robot=RobotConfig("ur3"), method="projection"), 0.02, policy, Console(quiet=True))
-print(alone(rollout, 50_004).outcome)
+print(rollout.play([50_004])[0].outcome)
 """
 
 

@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from benchmark import choose_scales, scales
-from benchmark.rollouts import arm_oracle, rollout
+from benchmark.rollouts import arm_oracle, missing_episodes
 from benchmark.scoring.scale_table import scale_table
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import RobotConfig
@@ -79,14 +79,14 @@ def simulated(monkeypatch):
     """Episodes without simulation: a push of 0.1 or more spoils them all. Notes which ones are run."""
     ran = []
 
-    def roll_out_all(jobs, workers):
+    def play_all(jobs, workers):
         for job, seeds in jobs:
             push = job.condition.guidance_scale
             ran.extend((job.condition.method, push, seed) for seed in seeds)
             if seeds:
                 yield [episode(seed, p2=push < 0.1, condition=job.condition) for seed in seeds]
 
-    monkeypatch.setattr(rollout, "roll_out_all", roll_out_all)
+    monkeypatch.setattr(missing_episodes, "play_all", play_all)
     monkeypatch.setattr(arm_oracle, "demonstrated_path", lambda *_: path)
     path = np.random.default_rng(0).uniform([0.2, -0.4, 0], [0.5, 0.2, 0], (300, 3))
     return ran

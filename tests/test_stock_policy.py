@@ -13,7 +13,6 @@ from rich.console import Console
 
 from benchmark.artifacts.known_policies import chosen_checkpoint
 from benchmark.rollouts.make_rollout import make_rollout
-from benchmark.rollouts.rollout import play
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import RobotConfig, RunConfig
 
@@ -38,7 +37,7 @@ def test_a_policy_that_lerobot_trained_is_rolled_out_on_our_arms(synthetic_datas
     environment = os.environ | {"HF_HUB_OFFLINE": "1", "OMP_NUM_THREADS": "1"}
     subprocess.run([sys.executable, *command.split()], cwd=tmp_path, env=environment, check=True, capture_output=True)
     trained = rollout(tmp_path / "act" / "checkpoints" / "last" / "pretrained_model")
-    (episode,) = play(trained, SEEDS[:1])
+    (episode,) = trained.play(SEEDS[:1])
     row = episode.row()
     assert (row["checkpoint"], row["training_seed"], row["method"], row["sampler"]) == (
         "act/000002",
@@ -51,8 +50,8 @@ def test_a_policy_that_lerobot_trained_is_rolled_out_on_our_arms(synthetic_datas
 
 
 def test_an_episode_of_it_replays_alone_to_the_last_bit(untrained):
-    together = play(rollout(untrained), SEEDS)
-    assert play(rollout(untrained), SEEDS[1:]) == together[1:]
+    together = rollout(untrained).play(SEEDS)
+    assert rollout(untrained).play(SEEDS[1:]) == together[1:]
     assert together[0].row()["sampler"] == "DDPM" and together[0].row()["sampling_steps"] == 3
     assert together[0].row()["training_seed"] == -1
 

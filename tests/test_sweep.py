@@ -25,7 +25,7 @@ from benchmark.episodes.table import read_episodes
 from benchmark.settings import command
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import EnergyConfig, MapConfig, RobotConfig, RunConfig
-from benchmark.sweeps.chosen_scale import rollouts_of
+from benchmark.sweeps.chosen_players import rollouts_of
 from benchmark.sweeps.job import guides_source, job_name
 from benchmark.sweeps.sweep import count_jobs
 from policies.methods import METHODS

@@ -1,10 +1,9 @@
 """The scripted oracles as players on an arm: which arm, which oracle, and what comes out, seed by seed."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import batched
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmark.settings.config import ORACLE_METHODS, SOURCE
@@ -12,12 +11,15 @@ from benchmark.settings.config import ORACLE_METHODS, SOURCE
 if TYPE_CHECKING:
     import gymnasium
     import numpy as np
-    import pandas as pd
     from rich.console import Console
 
-    from benchmark.episodes.episode import Condition
+    from benchmark.episodes.episode import Condition, Episode
     from envs.arm.placed_arm import PlacedArm
     from envs.task import Controller, Task
+
+
+TOGETHER = 25
+"""Episodes that are played and stored together."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,10 @@ class ArmOracle:
     """`plain` or `aware`."""
 
     @property
+    def kind(self) -> None:
+        """It looks at no field."""
+
+    @cached_property
     def condition(self) -> "Condition":
         """What its episodes are run with, in the columns of the episodes table: without a policy."""
         import math
@@ -56,14 +62,18 @@ class ArmOracle:
             episode_version=self.task.episode_version(self.arm.setting),
         )
 
+    def batches(self, seeds: Iterable[int]) -> Iterable[Sequence[int]]:
+        """A few seeds each, whose episodes are stored together."""
+        return batched(seeds, TOGETHER)
 
-def play_chunk(chunk: tuple[ArmOracle, tuple[int, ...]]) -> list[Any]:
-    """Outcomes of an oracle's episodes on an arm with these seeds."""
-    from envs.task import play_oracle
+    def play(self, seeds: Sequence[int]) -> "list[Episode]":
+        """The episodes, one after another."""
+        from benchmark.episodes.episode import Episode
+        from envs.task import play_oracle
 
-    player, seeds = chunk
-    env, make = _environment(player.task, player.arm), _prepared(player)
-    return [player.task.summarize(play_oracle(env, seed, make)) for seed in seeds]
+        env, make = _environment(self.task, self.arm), _prepared(self)
+        outcomes = [self.task.summarize(play_oracle(env, seed, make)) for seed in seeds]
+        return [Episode(self.condition, seed, 0, outcome) for seed, outcome in zip(seeds, outcomes, strict=True)]
 
 
 @lru_cache(maxsize=2)
@@ -93,38 +103,3 @@ def demonstrated_path(task: "Task", episodes: int, console: "Console") -> "np.nd
         infos = [info for seed in seeds for info in play_oracle(env, seed, make)]
     env.close()
     return np.array([info["flange"] for info in infos])
-
-
-def play_all(chunks: list[tuple[ArmOracle, tuple[int, ...]]], workers: int) -> Iterator[list[Any]]:
-    """Outcomes of each chunk, in their order, from worker processes; one worker is this process."""
-
-    from richmap.worker import worker_pool
-
-    if min(workers, len(chunks)) <= 1:
-        yield from map(play_chunk, chunks)
-        return
-    with worker_pool(workers) as pool:
-        yield from pool.map(play_chunk, chunks)
-
-
-CHUNK = 25
-"""Episodes that are played and stored together."""
-
-
-def play_missing(
-    players: Sequence[ArmOracle], seeds: range, folder: Path, workers: int, name: str, console: "Console"
-) -> "list[pd.DataFrame]":
-    """Rows of each player's episodes in a folder's table: the stored ones, and the rest played and stored a few at a
-    time."""
-    from benchmark.episodes.episode import Episode
-    from benchmark.rollouts.missing_episodes import run_missing
-
-    conditions = [player.condition for player in players]
-
-    def run(missing: list[list[int]]) -> Iterator[list[Episode]]:
-        chunks = [(i, part) for i, asked in enumerate(missing) for part in batched(asked, CHUNK)]
-        played = play_all([(players[i], part) for i, part in chunks], workers)
-        for (i, part), outcomes in zip(chunks, played, strict=True):
-            yield [Episode(conditions[i], seed, 0, outcome) for seed, outcome in zip(part, outcomes, strict=True)]
-
-    return run_missing(conditions, seeds, lambda _: folder, run, name, console)

@@ -9,7 +9,7 @@ from rich.console import Console
 from benchmark.artifacts.checkpoint import Checkpoint
 from benchmark.artifacts.known_policies import CHECKPOINTS
 from benchmark.rollouts.make_rollout import make_rollout
-from benchmark.rollouts.missing_episodes import run_and_store
+from benchmark.rollouts.missing_episodes import play_and_store
 from benchmark.settings.config import RobotConfig, RunConfig
 
 if TYPE_CHECKING:
@@ -54,7 +54,8 @@ def evaluate(
     )
     console = Console(stderr=True)
     rollout: Rollout = make_rollout(config, config.guidance_scale or 0.0, _folder(policy), console)
-    return run_and_store(rollout, config, console)
+    (rows,) = play_and_store([rollout], config, console)
+    return rows
 
 
 def _folder(policy: str | Path) -> Path:

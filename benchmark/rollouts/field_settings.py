@@ -14,18 +14,18 @@ from benchmark.settings.config import SOURCE, EnergyConfig, MapConfig, RunConfig
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:
-    from benchmark.rollouts.rollout import Rollout
+    from benchmark.rollouts.players import Player
 
 VERSION = 1
 """Of the file's format."""
 
 
-def note_settings(output_dir: Path, rollouts: "Sequence[Rollout]", config: RunConfig) -> None:
-    """Write `fields/<fingerprint>.json` for each energy field of some rollouts, if it is not there."""
-    for rollout in rollouts:
-        condition = rollout.condition
+def note_settings(output_dir: Path, players: "Sequence[Player]", config: RunConfig) -> None:
+    """Write `fields/<fingerprint>.json` for each energy field of some players, if it is not there."""
+    for player in players:
+        condition = player.condition
         file = output_dir / _name(condition.field_fingerprint)
-        if rollout.kind != "energy" or file.exists():  # A distance is made of the arm alone.
+        if player.kind != "energy" or file.exists():  # A distance is made of the arm alone.
             continue
         about = {"source": SOURCE, "target": condition.robot, "fingerprint": condition.field_fingerprint}
         settings = {"map": asdict(config.map), "energy": asdict(config.energy)}

@@ -1,44 +1,47 @@
 """What is not stored yet is run, and stored as it comes."""
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pandas as pd
 from rich.console import Console
 
-from benchmark.episodes.episode import Condition, Episode
 from benchmark.episodes.parts import merge_parts
 from benchmark.episodes.table import drop_outdated, episodes_of, read_episodes, store_episodes
+from benchmark.rollouts.players import play_all
 from benchmark.settings.config import RunConfig
 from richmap.progress import progress_bar
 
 if TYPE_CHECKING:
-    from benchmark.rollouts.rollout import Rollout
+    from benchmark.episodes.episode import Condition
+    from benchmark.rollouts.players import Player
 
 
-def run_missing(
-    conditions: Sequence[Condition],
+def play_missing(
+    players: "Sequence[Player]",
     seeds: range,
-    folder_of: Callable[[Condition], Path],
-    run: Callable[[list[list[int]]], Iterable[list[Episode]]],
+    folder_of: "Callable[[Condition], Path]",
+    workers: int,
     name: str,
     console: Console,
 ) -> list[pd.DataFrame]:
-    """Rows of the episodes with these seeds under each condition, under one progress bar of this name.
+    """Rows of each player's episodes with these seeds, under one progress bar: the stored ones, and the rest, played
+    and stored group by group.
 
     Args:
-        conditions: What the episodes are run with.
+        players: Who plays.
         seeds: Episode seeds, the same for all.
         folder_of: Folder of a condition's table.
-        run: Runs for each condition those seeds that its table lacks; gives a few episodes of one condition at a time.
+        workers: Processes that play.
         name: What the progress bar says.
         console: Where it is.
 
     Raises:
         SettingError: If a part of a table is damaged.
     """
+    conditions = [player.condition for player in players]
 
     def stored() -> list[pd.DataFrame]:
         tables = {folder: read_episodes(folder) for folder in {folder_of(each) for each in conditions}}
@@ -49,7 +52,7 @@ def run_missing(
     total, written = len(conditions) * len(seeds), defaultdict[Path, list[Path]](list)
     with progress_bar(console) as progress:
         task = progress.add_task(name, total=total, completed=total - sum(map(len, missing)))
-        for episodes in run(missing):
+        for episodes in play_all(zip(players, missing, strict=True), workers):
             folder = folder_of(episodes[0].condition)
             written[folder].append(store_episodes(folder, episodes))
             progress.advance(task, len(episodes))
@@ -64,28 +67,15 @@ def run_missing(
     return stored()
 
 
-def run_and_store(rollout: "Rollout", config: RunConfig, console: Console) -> pd.DataFrame:
-    """Rows of all episodes of a rollout: the stored ones, and the rest run and stored batch by batch."""
-    condition = rollout.condition
-    name = f"{condition.robot}, {condition.method}, lambda {condition.guidance_scale:g}"
-    (table,) = run_and_store_all([rollout], config, name, console)
-    return table
-
-
-def run_and_store_all(
-    rollouts: "Sequence[Rollout]", config: RunConfig, name: str, console: Console
+def play_and_store(
+    players: "Sequence[Player]", config: RunConfig, console: Console, name: str = ""
 ) -> list[pd.DataFrame]:
-    """The same for several rollouts, one after another under one progress bar of this name."""
+    """Rows of what settings of `benchmark.run` ask for of each player; those that are not there are stored in
+    `output_dir`. The progress bar says whose they are, or the name."""
     from benchmark.rollouts.field_settings import note_settings
-    from benchmark.rollouts.rollout import roll_out_all
 
-    output_dir = Path(config.output_dir)
-    note_settings(output_dir, rollouts, config)
-    return run_missing(
-        [rollout.condition for rollout in rollouts],
-        range(config.seed_start, config.seed_start + config.episodes),
-        lambda _: output_dir,
-        lambda missing: roll_out_all(zip(rollouts, missing, strict=True), config.workers),
-        name,
-        console,
-    )
+    output_dir, last = Path(config.output_dir), players[-1].condition
+    note_settings(output_dir, players, config)
+    seeds = range(config.seed_start, config.seed_start + config.episodes)
+    name = name or f"{config.suite or last.robot}, {last.method}, lambda {last.guidance_scale:g}"
+    return play_missing(players, seeds, lambda _: output_dir, config.workers, name, console)

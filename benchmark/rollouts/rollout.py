@@ -1,9 +1,13 @@
-"""Rolling a policy out: batches of one fixed shape, an episode always in the same row of its batch."""
+"""Rolling a policy out: batches of one fixed shape, an episode always in the same row of its batch.
 
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import as_completed
+The episode with seed s has row s mod `batch_size` of batch s div `batch_size`, whatever else is run. Rows that are not
+wanted are padded, so float results do not depend on which episodes share a batch.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +20,6 @@ from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.settings.command import SettingError
 from envs.task import Task
 from policies.methods import METHODS
-from richmap.worker import worker_pool
 
 if TYPE_CHECKING:
     import torch
@@ -69,55 +72,28 @@ class Rollout:
         scene = self.camera or (ENVIRONMENT, (space.environment.width,))
         return {STATE: (space.state.width,), scene[0]: scene[1], "action": (space.action.width,)}
 
+    def batches(self, seeds: Iterable[int]) -> list[list[int]]:
+        """The seeds by the batch that they have."""
+        return [[*batch] for _, batch in groupby(sorted(seeds), lambda seed: seed // self.condition.batch_size)]
 
-def roll_out_all(jobs: Iterable[tuple[Rollout, Iterable[int]]], workers: int) -> Iterator[list[Episode]]:
-    """Run episodes with some seeds of one rollout after another, batch by batch in worker processes; one worker is this
-    process. Gives each batch as it is finished.
+    def play(self, seeds: Sequence[int], watch: Callable[[gymnasium.Env], None] | None = None) -> list[Episode]:
+        """Run the episodes of one batch in lock-step.
 
-    The episode with seed s has row s mod `batch_size` of batch s div `batch_size`, whatever else is run. Rows that
-    are not wanted are padded, so float results do not depend on which episodes share a batch.
-    """
+        Args:
+            seeds: Episode seeds that share a batch.
+            watch: Called with each environment, which then renders, after its reset and each of its steps.
+        """
+        try:
+            return _play(self, seeds, watch)
+        except SettingError:
+            load_policy.cache_clear()  # Its class may have no process any more.
+            raise
+
+
+def _play(rollout: Rollout, seeds: Sequence[int], watch: Callable[[gymnasium.Env], None] | None) -> list[Episode]:
     import torch
 
-    batches: dict[tuple[Rollout, int], list[int]] = {}
-    for rollout, seeds in jobs:
-        for seed in seeds:
-            batches.setdefault((rollout, seed // rollout.condition.batch_size), []).append(seed)
-    if not batches:
-        return
-    workers = min(workers, len(batches))
-    if workers == 1:
-        torch.set_num_threads(1)  # As in a worker process.
-        yield from map(play, [rollout for rollout, _ in batches], batches.values())
-        return
-    with worker_pool(workers) as pool:
-        left = {pool.submit(play, rollout, seeds) for (rollout, _), seeds in batches.items()}
-        for played in as_completed([*left]):
-            left.remove(played)
-            if error := played.exception():
-                yield from [each.result() for each in left if each.done() and not each.exception()]
-                raise error
-            yield played.result()
-
-
-def play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], None] | None = None) -> list[Episode]:
-    """Run the episodes of one batch in lock-step.
-
-    Args:
-        rollout: What is rolled out.
-        seeds: Episode seeds that share a batch.
-        watch: Called with each environment, which then renders, after its reset and each of its steps.
-    """
-    try:
-        return _play(rollout, seeds, watch)
-    except SettingError:
-        load_policy.cache_clear()  # Its class may have no process any more.
-        raise
-
-
-def _play(rollout: Rollout, seeds: list[int], watch: Callable[[gymnasium.Env], None] | None) -> list[Episode]:
-    import torch
-
+    torch.set_num_threads(1)  # Two threads round otherwise.
     shape = rollout.condition.batch_size
     seed_of = {seed % shape: seed for seed in seeds}
     policy = load_policy(rollout)
@@ -222,12 +198,3 @@ def _arm_environment(
     return task.make(
         arm, render_mode="rgb_array" if render else None, **({} if picture is None else {"picture": picture})
     )
-
-
-def alone(rollout: Rollout, seed: int, watch: Callable[[gymnasium.Env], None] | None = None) -> Episode:
-    """An episode, rolled out without others in its batch; `watch` as in `play`."""
-    import torch
-
-    torch.set_num_threads(1)  # As in a rollout's worker process; two threads round otherwise.
-    (episode,) = play(rollout, [seed], watch)
-    return episode

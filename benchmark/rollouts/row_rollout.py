@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from benchmark.rollouts.entry import Entry
     from benchmark.rollouts.rollout import Rollout
+    from envs.arm.placed_arm import PlacedArm
     from envs.task import Task
 
 
@@ -47,6 +48,7 @@ def row_rollout(row: Mapping[str, Any], config: ReplayConfig, console: "Console"
         rollout = make_rollout(run, row["lambda"], checkpoint, console)
     else:
         rollout = entry.at(row["lambda"]).rollout(run, checkpoint, console)
+    check_arm(row, rollout.arm)
     made, stored = rollout.condition.field_fingerprint, row["field_fingerprint"]
     if made != stored:
         raise SettingError(
@@ -66,6 +68,19 @@ def check_version(row: Mapping[str, Any], task: "Task") -> None:
         task.check_version(row["setting"], row["episode_version"])
     except ValueError as error:
         raise SettingError(f"{row_name(row)}: {error}") from error
+
+
+def check_arm(row: Mapping[str, Any], arm: "PlacedArm") -> None:
+    """Refuse a row of an arm that is described otherwise.
+
+    Raises:
+        SettingError: If it is.
+    """
+    if arm.robot_fingerprint != row["robot_fingerprint"]:
+        raise SettingError(
+            f"{row_name(row)} is of an arm with the fingerprint {row['robot_fingerprint'][:16]}, and here it "
+            f"has {arm.robot_fingerprint[:16]}. Give its files and robot.* as they were."
+        )
 
 
 def row_entry(row: Mapping[str, Any], folder: str) -> "Entry | None":
@@ -121,6 +136,24 @@ def policy_hash(folder: Path) -> str:
     return Checkpoint(folder).policy_hash
 
 
+def row_robot(row: Mapping[str, Any], given: RobotConfig) -> RobotConfig:
+    """A row's arm: one that ships, or the given custom one.
+
+    Raises:
+        SettingError: If it is neither.
+    """
+    from richmap.robots import ROBOTS
+
+    if row["robot"] in ROBOTS:
+        return RobotConfig(row["robot"])
+    if given.name != "custom":
+        raise SettingError(
+            f"{row_name(row)} is of {row['robot']}, an arm that does not ship. Give what it was run with: "
+            "robot=custom robot.path=robot.urdf robot.base=<link> robot.end_effector=<link>."
+        )
+    return given
+
+
 def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> RunConfig:
     """The settings of `benchmark.run` that make a row's condition.
 
@@ -137,7 +170,7 @@ def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> 
     sampler = {"sampler": row["sampler"], "sampling_steps": row["sampling_steps"]} if guided else {}
     return RunConfig(
         task=config.task,
-        robot=RobotConfig(row["robot"]),
+        robot=row_robot(row, config.robot),
         setting=row["setting"],
         arm=arm,
         batch_size=row["batch_size"],

@@ -25,7 +25,6 @@ def record(rollout: "Rollout", seed: int, file: Path, caption: "Callable[[Episod
         file: Where it goes.
         caption: What stands under the picture, which then has its full size and else half.
     """
-    from benchmark.rollouts.rollout import alone
 
     frames, shown, every = [], cycle([True, False]), 1 if caption else 2
 
@@ -34,7 +33,7 @@ def record(rollout: "Rollout", seed: int, file: Path, caption: "Callable[[Episod
             image: Any = env.render()
             frames.append(image[::every, ::every])
 
-    episode = alone(rollout, seed, watch)
+    (episode,) = rollout.play([seed], watch)
     write_film(file, frames, rollout.task.control_frequency, caption(episode) if caption else "")
     return episode
 

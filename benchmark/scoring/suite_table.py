@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmark.episodes.arm import of_arm
-from benchmark.scoring.ceiling import PLAIN, PLANNER, Ceiling
+from benchmark.scoring.ceiling import PLAIN, PLANNER, Ceiling, ceilings_file, read_ceilings
 from benchmark.scoring.statistics import Crossed, clustered_mean, clustered_ratio
 from benchmark.settings.config import ConditionConfig, RobotConfig, RunConfig
+from benchmark.settings.scenes import TABLES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -165,3 +166,12 @@ def _crossed(rows: "pd.DataFrame", values: "pd.Series") -> Crossed:
 
 def _by_policy(rows: "pd.DataFrame", values: "pd.Series") -> Crossed:
     return Crossed(values.to_numpy(float), rows.checkpoint.to_numpy(str), rows.episode_seed.to_numpy())
+
+
+def show_suite(suite: str, conditions: dict[str, ConditionConfig], rows: "pd.DataFrame", task: "Task") -> None:
+    """Print what rows come to on a suite, on one block of scenes: those for tables, or where none are, the others."""
+    in_block = rows.episode_seed.isin(TABLES)
+    rows = rows[in_block] if in_block.any() else rows
+    ceilings, tables = read_ceilings(ceilings_file(suite)), by_condition(rows, conditions, task)
+    shown = conditions, ceilings, task
+    print(suite_text(suite_table(tables, *shown), shares(tables, *shown), task))

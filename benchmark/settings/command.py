@@ -14,7 +14,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from benchmark.settings.composition import CONF, file_groups, register
+from benchmark.settings.composition import CONF, file_groups, files_of, register
 from benchmark.settings.help import help_text
 from benchmark.settings.overrides import checked, split
 from benchmark.settings.setting import (
@@ -123,7 +123,7 @@ def _run[Config](
             raise _Raised from error
 
     try:
-        hydra.main(version_base="1.3", config_path=str(CONF), config_name=name)(enter)()
+        hydra.main(version_base="1.3", config_path=files_of(name), config_name=name)(enter)()
     except _Raised as raised:
         assert raised.__cause__
         raise raised.__cause__ from None

@@ -1,7 +1,9 @@
 """How a command's settings are composed: its schema, what its groups can be, and the files in `conf/`."""
 
+from contextlib import AbstractContextManager
 from pathlib import Path
 
+from hydra import initialize, initialize_config_dir
 from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
@@ -9,6 +11,12 @@ from benchmark.settings.setting import as_typed, choices_of
 from policies.methods import METHODS
 
 CONF = Path(__file__).parents[1] / "conf"
+
+QUIET = {
+    "defaults": [{"override /hydra/job_logging": "none"}, {"override /hydra/hydra_logging": "none"}],
+    "hydra": {"run": {"dir": "."}, "output_subdir": None},
+}
+"""Hydra keeps no log and no folder of its own for a run."""
 
 
 def register(schema: type, name: str) -> None:
@@ -22,15 +30,31 @@ def register(schema: type, name: str) -> None:
         for value in values:
             store.store(group=group, name=value, node={"name": value})
     store.store(f"{name}_schema", plain)
-    if not (CONF / f"{name}.yaml").exists():
+    store.store("quiet", QUIET, package="_global_")
+    if not _has_files(name):
         chosen = [{group: plain[group]["name"]} for group in choices]
         store.store(name, {"defaults": [f"{name}_schema", "quiet", *chosen, "_self_"]})
 
 
+def files_of(name: str) -> str | None:
+    """Folder of a command's files; None if it has none: then none of their groups hides a setting of that name."""
+    return str(CONF) if _has_files(name) else None
+
+
+def composing(name: str) -> AbstractContextManager[None]:
+    """Where Hydra composes a command's settings."""
+    if _has_files(name):
+        return initialize_config_dir(str(CONF), version_base="1.3")
+    return initialize(None, version_base="1.3")
+
+
+def _has_files(name: str) -> bool:
+    return (CONF / f"{name}.yaml").exists()
+
+
 def file_groups(name: str) -> list[str]:
     """The groups of files in `conf/` of which a command takes none by default."""
-    file = CONF / f"{name}.yaml"
-    if not file.exists():
+    if not _has_files(name):
         return []
-    defaults = [entry for entry in OmegaConf.load(file).defaults if not isinstance(entry, str)]
+    defaults = [entry for entry in OmegaConf.load(CONF / f"{name}.yaml").defaults if not isinstance(entry, str)]
     return [group for entry in defaults for group in entry if entry[group] is None]

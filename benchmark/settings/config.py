@@ -302,7 +302,7 @@ class RunConfig:
     default_scale."""
     method: str = field(default="paper", metadata={"more": said_of_each("text")})
     """Guidance, or direct for none, or a subclass of policies.guidance.Guidance in a file, as in path/to/mine.py:Mine
-    (its code is run, in a process of its own); with suite= also plain_oracle or aware_oracle, the scripted ones."""
+    (its code is run, in a process of its own); or plain_oracle or aware_oracle, scripted ones in place of a policy."""
     suite: str = ""
     """Conditions on all of which the method is rolled out, at its chosen scale, in place of robot, setting and arm:
     push-v1 (conditions with head-room) or official (four arms, embodied and best); a file of conf/suite each."""
@@ -357,7 +357,7 @@ class RunConfig:
     def __post_init__(self) -> None:
         chosen_task(self.task)
         scale = self.guidance_scale
-        check_method(self.method, "method", [*METHODS, *(ORACLE_METHODS.values() if self.conditions else ())])
+        check_method(self.method, "method", [*METHODS, *ORACLE_METHODS.values()])
         check_setting(bool(self.conditions) or not self.suite, "suite", self.suite, "a file of conf/suite")
         if scale is not None:
             check_setting(math.isfinite(scale) and scale >= 0, "lambda", scale, "any number >= 0, or null")

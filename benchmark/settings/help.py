@@ -6,10 +6,10 @@ from collections.abc import Callable
 from itertools import takewhile
 from pathlib import Path
 
-from hydra import compose, initialize_config_dir
+from hydra import compose
 from omegaconf import DictConfig, OmegaConf
 
-from benchmark.settings.composition import CONF, file_groups
+from benchmark.settings.composition import CONF, composing, file_groups
 from benchmark.settings.setting import choices_of, settings_of
 
 WIDTH = 79
@@ -17,7 +17,7 @@ WIDTH = 79
 
 def help_text(main: Callable, schema: type, name: str, module: str, overrides: list[str]) -> str:
     """Settings with the values that act, after these overrides, and how to sweep."""
-    with initialize_config_dir(str(CONF), version_base="1.3"):
+    with composing(name):
         config = compose(name, overrides)
     choices = choices_of(schema)
     lines = [f"python -m {module} [setting=value ...]", "", *textwrap.wrap(inspect.getdoc(main) or "", WIDTH), ""]

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from benchmark.settings.config import EnergyConfig, MapConfig
+from benchmark.settings.config import EnergyConfig, MapConfig, RobotConfig, robot_field
 from benchmark.settings.setting import check_setting
 from benchmark.settings.task import chosen_task
 
@@ -21,6 +21,8 @@ class ReplayConfig:
     """How many rows instead, drawn at random; a whole number >= 0."""
     seed: int = 0
     """Seed of the draw; a whole number >= 0."""
+    robot: RobotConfig = robot_field("xarm6", ("custom",))
+    """For a row of an arm that does not ship: robot=custom robot.path=... and so on, as it was run with."""
     policy: str = ""
     """Folder of the row's policy, where it is none of ours; empty to look for its weights among ours."""
     entry: str = ""

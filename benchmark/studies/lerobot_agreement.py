@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 from benchmark.artifacts.known_policies import chosen_checkpoint
 from benchmark.artifacts.outputs import store_rows
 from benchmark.rollouts.make_rollout import make_rollout
-from benchmark.rollouts.missing_episodes import run_and_store
+from benchmark.rollouts.missing_episodes import play_and_store
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.config import (
     SETTINGS,
@@ -91,7 +91,7 @@ def main(config: LerobotAgreementConfig) -> None:
     shared = {field.name: getattr(config, field.name) for field in fields(config)}
     run = RunConfig(**{**shared, "output_dir": str(folder), "device": "cpu"})
     rollout = make_rollout(run, 0.0, chosen_checkpoint(run), console)
-    run_and_store(rollout, run, console)
+    play_and_store([rollout], run, console)
     evaluate(rollout, config, folder)
     table = compare(folder)
     with replacing(output_dir / "lerobot_agreement.md") as path:

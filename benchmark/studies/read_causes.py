@@ -141,7 +141,6 @@ def seen(rollout: "Rollout", seed: int) -> "tuple[list[dict], list[tuple[int, np
     import gymnasium
     import mujoco
 
-    from benchmark.rollouts.rollout import alone
     from envs.block_push.failure import failure
     from envs.block_push.workspace import WORKSPACE
 
@@ -158,9 +157,12 @@ def seen(rollout: "Rollout", seed: int) -> "tuple[list[dict], list[tuple[int, np
         states.append(env.unwrapped.physics[1].qpos.copy())  # type: ignore[attr-defined]
 
     task = dataclasses.replace(rollout.task, summarize=summarize)
-    alone(dataclasses.replace(rollout, task=task), seed, watch)
+    dataclasses.replace(rollout, task=task).play([seed], watch)
     found = failure(kept, WORKSPACE)
-    assert found is not None
+    if found is None:
+        raise SettingError(
+            f"Scene {seed} with {rollout.checkpoint.name} failed as stored, and does not when played again."
+        )
     pictures, (env,) = [], environments
     model, data = env.unwrapped.physics  # type: ignore[attr-defined]
     last = len(states) - 1

@@ -1,4 +1,4 @@
-"""Chosen scale."""
+"""The scale of a method that was chosen on validation scenes, and what stands beside it."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,26 +13,10 @@ from policies.methods import METHODS
 
 if TYPE_CHECKING:
     import pandas as pd
-    from rich.console import Console
 
     from benchmark.rollouts.make_rollout import Stage
-    from benchmark.rollouts.rollout import Rollout
     from envs.arm.placed_arm import PlacedArm
     from envs.task import Task
-
-
-def rollouts_of(config: RunConfig, console: "Console") -> "list[Rollout]":
-    """What settings ask for: direct transfer, and guidance at their scale, or the one that was chosen, unless it is 0.
-
-    Raises:
-        SettingError: If none was chosen, or the policy is not there or cannot be guided.
-    """
-    from benchmark.artifacts.known_policies import chosen_checkpoint
-    from benchmark.rollouts.make_rollout import set_stage
-
-    stage = set_stage(config, chosen_checkpoint(config), console)
-    scale = chosen_scale(stage) if config.guidance_scale is None else config.guidance_scale
-    return [stage.rollout(each) for each in sorted({0.0, scale})]
 
 
 def note_on_tuning(config: RunConfig) -> str:

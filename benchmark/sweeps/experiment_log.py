@@ -20,37 +20,41 @@ if TYPE_CHECKING:
     import pandas as pd
     import wandb
 
+    from benchmark.rollouts.players import Player
     from benchmark.rollouts.rollout import Rollout
     from envs.task import Task
     from richmap.maps.reachability_map import ReachabilityMap
 
 
-def log_run(config: RunConfig, rollouts: "Sequence[Rollout]", tables: "Sequence[pd.DataFrame]") -> None:
-    """All of a command's rollouts, with a bar: W&B takes its time; what it does not take is said in a line."""
+def log_run(config: RunConfig, players: "Sequence[Player]", tables: "Sequence[pd.DataFrame]") -> None:
+    """All that a command rolled out, with a bar: W&B takes its time; what it does not take is said in a line."""
     if config.wandb.mode == "disabled":
         return
     with progress_bar() as progress:
-        each = [*zip(rollouts, tables, strict=True)]
-        for rollout, rows in progress.track(each, description="W&B, rollouts"):
+        each = [*zip(players, tables, strict=True)]
+        for player, rows in progress.track(each, description="W&B, rollouts"):
             with unharmed():
-                log_field(config, rollout, config.output_dir)
-                log_evaluation(config, rollout, rows, config.output_dir)
+                log_field(config, player, config.output_dir)
+                log_evaluation(config, player, rows, config.output_dir)
     with unharmed():
-        log_curves(rollouts[0].task, config.wandb, tables, config.output_dir)
+        log_curves(players[0].task, config.wandb, tables, config.output_dir)
     if config.wandb.mode == "offline":
         runs = Path(config.wandb.folder, "wandb", "offline-run-*")
         print(f"W&B: the runs are kept on disk. To upload them: wandb sync {runs}")
 
 
-def log_field(config: RunConfig, rollout: "Rollout", group: str) -> None:
-    """The field that guidance looks at as a W&B run: it uses the maps, and makes the field."""
-    if config.wandb.mode == "disabled" or rollout.kind is None or rollout.field is None:
+def log_field(config: RunConfig, player: "Player", group: str) -> None:
+    """The field that guidance looks at, if it looks at one, as a W&B run: it uses the maps, and makes the field."""
+    if config.wandb.mode == "disabled" or player.kind is None:
         return
     from rich.console import Console
 
     from benchmark.artifacts.fields import made_of
+    from benchmark.rollouts.rollout import Rollout
 
-    arm, kind, of_map = rollout.arm, rollout.kind, config.map
+    assert isinstance(player, Rollout)  # Nobody else is guided.
+    rollout, of_map = player, config.map
+    arm, kind = rollout.arm, str(rollout.kind)
     about = {"field": kind, "robot": arm.robot, "base": arm.base, "map": asdict(of_map)}
     with start_experiment(config.wandb, f"{kind} field, {arm.robot}", group, "field", about) as run:
         for reachability_map in made_of(kind, arm, of_map, config.workers, Console(quiet=True)):
@@ -58,13 +62,14 @@ def log_field(config: RunConfig, rollout: "Rollout", group: str) -> None:
         run.log_artifact(_field(rollout))
 
 
-def log_evaluation(config: RunConfig, rollout: "Rollout", episodes: "pd.DataFrame", group: str) -> None:
-    """One rollout as a W&B run: settings, every episode, scores with intervals over lambda, causes, what it used.
+def log_evaluation(config: RunConfig, player: "Player", episodes: "pd.DataFrame", group: str) -> None:
+    """What a policy did as a W&B run: settings, every episode, scores with intervals over lambda, causes, what it used;
+    nothing of a scripted oracle.
 
     Args:
-        config: Settings of the run; its lambda and method need not be the rollout's.
-        rollout: What was rolled out.
-        episodes: Rows of the episodes table, all of this rollout.
+        config: Settings of the run; its lambda and method need not be the player's.
+        player: Who played.
+        episodes: Rows of the episodes table, all of this player.
         group: What the run belongs to, if the settings do not say.
     """
     if config.wandb.mode == "disabled":
@@ -72,8 +77,12 @@ def log_evaluation(config: RunConfig, rollout: "Rollout", episodes: "pd.DataFram
     import wandb
 
     from benchmark.episodes.episode import plain
+    from benchmark.rollouts.rollout import Rollout
     from benchmark.scoring.scores import figures
 
+    if not isinstance(player, Rollout):
+        return
+    rollout = player
     condition = {name: plain(value) for name, value in rollout.condition.row().items()}
     settings = asdict(config) | condition
     del settings["guidance_scale"]  # It is called lambda.

@@ -76,25 +76,26 @@ def run_job(config: DictConfig) -> None:
 
 def _rolled_out(job: RunConfig, workers: int, sweep: Path) -> "pd.DataFrame":
     """The job's rows, stored and logged."""
+    import pandas as pd
     from rich.console import Console
 
-    from benchmark.rollouts.missing_episodes import run_and_store
-    from benchmark.sweeps.chosen_scale import rollouts_of
+    from benchmark.rollouts.missing_episodes import play_and_store
+    from benchmark.sweeps.chosen_players import chosen_players
     from benchmark.sweeps.experiment_log import log_evaluation, log_field
-    from benchmark.sweeps.suite_run import suite_rows
 
-    if job.conditions:
-        return suite_rows(replace(job, workers=workers), Console(quiet=True), with_direct=False)
-    rollout = rollouts_of(job, Console(force_terminal=False))[-1]  # Jobs share the terminal.
-    rows = run_and_store(rollout, replace(job, workers=workers), Console(quiet=True))
+    players = chosen_players(job, Console(force_terminal=False))  # Jobs share the terminal.
+    scale = players[-1].condition.guidance_scale
+    players = [player for player in players if player.condition.guidance_scale == scale]
+    tables = play_and_store(players, replace(job, workers=workers), Console(quiet=True))
     try:
-        with suppress(FileExistsError):  # Once in a sweep.
-            (sweep / "jobs" / f"logged-{rollout.condition.field_fingerprint[:16]}").touch(exist_ok=False)
-            log_field(job, rollout, sweep.name)
-        log_evaluation(job, rollout, rows, sweep.name)
+        for player, rows in zip(players, tables, strict=True):
+            with suppress(FileExistsError):  # Once in a sweep.
+                (sweep / "jobs" / f"logged-{player.condition.field_fingerprint[:16]}").touch(exist_ok=False)
+                log_field(job, player, sweep.name)
+            log_evaluation(job, player, rows, sweep.name)
     except Exception as error:
         raise SettingError(f"Its episodes are stored, but W&B did not take them ({error}). Run it alone.") from error
-    return rows
+    return pd.concat(tables, ignore_index=True)
 
 
 def _write(folder: Path, number: int, record: JobRecord, rows: "pd.DataFrame | None") -> None:

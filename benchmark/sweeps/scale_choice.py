@@ -127,8 +127,8 @@ def _rate(config: ChooseScalesConfig, method: str, stages: "list[Stage]", scale:
     """The score that ranks at a scale, over all conditions and policies; what is not stored is rolled out."""
     import pandas as pd
 
-    from benchmark.rollouts.missing_episodes import run_and_store_all
+    from benchmark.rollouts.missing_episodes import play_and_store
 
     rollouts = [stage.rollout(scale) for stage in stages]
-    rows = pd.concat(run_and_store_all(rollouts, config.run(method), f"{method} {scale:g}", console))
+    rows = pd.concat(play_and_store(rollouts, config.run(method), console, f"{method} {scale:g}"))
     return float(rows[stages[0].task.ranking[0]].mean())

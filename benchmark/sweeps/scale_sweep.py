@@ -222,17 +222,16 @@ def run_points(
 ) -> dict[str, float]:
     """Roll out what is not stored of some methods, each with all checkpoints, and give the score that ranks."""
     from benchmark.rollouts.field_settings import note_settings
-    from benchmark.rollouts.missing_episodes import run_missing
-    from benchmark.rollouts.rollout import roll_out_all
+    from benchmark.rollouts.missing_episodes import play_missing
 
     for method, group in points.items():
         note_settings(config.folder / method, group, config.run(config.seeds[0]))
     rollouts = [rollout for group in points.values() for rollout in group]
-    tables = run_missing(
-        [rollout.condition for rollout in rollouts],
+    tables = play_missing(
+        rollouts,
         episode_seeds(config),
         lambda condition: config.folder / condition.method,
-        lambda missing: roll_out_all(zip(rollouts, missing, strict=True), config.workers),
+        config.workers,
         name,
         console,
     )

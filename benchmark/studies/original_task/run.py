@@ -207,15 +207,14 @@ def moved_field(config: OriginalTaskConfig, robot: str, x: float, console: "Cons
 
 def run(rollouts: "Sequence[Rollout]", config: OriginalTaskConfig, console: "Console") -> None:
     """Rolls out what is not stored yet, batch by batch."""
-    from benchmark.rollouts.missing_episodes import run_missing
-    from benchmark.rollouts.rollout import roll_out_all
+    from benchmark.rollouts.missing_episodes import play_missing
 
     require_bullet(config)
-    run_missing(
-        [rollout.condition for rollout in rollouts],
+    play_missing(
+        rollouts,
         range(FIRST_SEED, FIRST_SEED + config.scenes),
         lambda _: config.rows,
-        lambda missing: roll_out_all(zip(rollouts, missing, strict=True), config.workers),
+        config.workers,
         f"The original task, stage {config.stage}, {config.recipe} policies",
         console,
     )
