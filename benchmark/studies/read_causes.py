@@ -1,16 +1,21 @@
 """Failed episodes as pictures and traces without the name of their cause, to be read by somebody, and what came of it.
 
+python -m benchmark.run suite=candidates method=direct
 python -m benchmark.studies.read_causes
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import batched
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import ArmConfig, check_folder
+from benchmark.settings.config import check_folder
+from benchmark.settings.suite import suite_conditions
+from benchmark.settings.task import chosen_task
+from policies.methods import DIRECT
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:
@@ -21,23 +26,6 @@ if TYPE_CHECKING:
 
     from benchmark.rollouts.rollout import Rollout
 
-CONDITIONS: dict[str, dict[str, Any]] = {
-    "UR3": {"robot": "ur3"},
-    "UR3, base 0.10 m nearer": {"robot": "ur3", "arm": ArmConfig(base=[0.1, 0.0, 0.0])},
-    "UR3 at its best place": {"robot": "ur3", "setting": "best"},
-    "UR5 wrist out, base 0.08 m nearer": {
-        "robot": "ur5",
-        "arm": ArmConfig(base=[0.08, 0.0, 0.0], branch="wrist_out"),
-    },
-    "UR10 wrist out": {"robot": "ur10", "arm": ArmConfig(branch="wrist_out")},
-    "UR10 wrist in, base 0.12 m nearer": {
-        "robot": "ur10",
-        "arm": ArmConfig(base=[0.12, 0.0, 0.0], branch="wrist_in"),
-    },
-    "xArm6, base 0.15 m farther": {"robot": "xarm6", "arm": ArmConfig(base=[-0.15, 0.0, 0.0])},
-}
-"""Where direct transfer fails often, as `benchmark.evaluate` takes them."""
-POLICIES = ("seed42-1", "seed43-1", "seed44-1")
 PER_PAGE = 4
 """Episodes on a page."""
 FRAMES = (-20, -10, -5, 0, 5, 20)
@@ -48,19 +36,23 @@ FRAMES = (-20, -10, -5, 0, 5, 20)
 class ReadCausesConfig:
     """Draws failed episodes as pictures and traces that do not name the cause, and compares what was read."""
 
-    episodes: int = 16
-    """Validation episodes of each policy in each condition; a whole number >= 1."""
+    suite: str = "candidates"
+    """The suite in whose conditions direct transfer failed (see benchmark.run)."""
+    task: str = "block_push"
+    """What is done there (see benchmark.run)."""
+    table: str = ""
+    """Folder of the episodes; empty for outputs/suites/<suite>."""
     drawn: int = 60
     """Failed ones that are shown; a whole number >= 1."""
     seed: int = 0
     """Of the draw; a whole number >= 0."""
-    table: str = "outputs/read_causes"
-    """Folder of the episodes' table."""
     output_dir: str = "results/causes_read"
     """Folder of the pages and of answers.json; what was read is in its readings.json, a cause for each number."""
 
     def __post_init__(self) -> None:
-        for name, least in (("episodes", 1), ("drawn", 1), ("seed", 0)):
+        suite_conditions(self.suite)
+        self.table = self.table or f"outputs/suites/{self.suite}"
+        for name, least in (("drawn", 1), ("seed", 0)):
             check_setting(getattr(self, name) >= least, name, getattr(self, name), f"a whole number >= {least}")
         check_folder(self.output_dir)
 
@@ -71,36 +63,37 @@ def main(config: ReadCausesConfig) -> None:
     if (folder / "readings.json").exists():
         print(compared(folder))
         return
-    shown = draw(rolled_out(config), config.drawn, config.seed)
+    shown = draw(direct_transfer(config), config.drawn, config.seed)
     folder.mkdir(parents=True, exist_ok=True)
     answers: dict[str, Any] = {}
     figures = (figure for figure in traced(shown, config.table, answers))
-    for page in range(-(-len(shown) // PER_PAGE)):
-        pictures = [picture for picture, _ in zip(figures, range(PER_PAGE), strict=False)]
+    for page, pictures in enumerate(batched(figures, PER_PAGE)):
         print(stacked(pictures, folder / f"page{page:02d}.jpg"))
     with replacing(folder / "answers.json") as path:
         path.write_text(json.dumps(answers, indent=1) + "\n")
 
 
-def rolled_out(config: ReadCausesConfig) -> "pd.DataFrame":
-    """Direct transfer's episodes in all conditions, with the column `condition`."""
+def direct_transfer(config: ReadCausesConfig) -> "pd.DataFrame":
+    """Its stored episodes in all conditions of the suite, with the column `condition`.
+
+    Raises:
+        SettingError: If there are none.
+    """
     import pandas as pd
 
-    from benchmark.rollouts.evaluation import evaluate
+    from benchmark.episodes.table import read_present
+    from benchmark.scoring.suite_table import by_condition
 
-    tables = []
-    for name, condition in CONDITIONS.items():
-        for policy in POLICIES:
-            rows = evaluate(
-                policy,
-                episodes=config.episodes,
-                output_dir=config.table,
-                batch_size=config.episodes,
-                workers=1,
-                **condition,
-            )
-            tables.append(rows.assign(condition=name))
-    return pd.concat(tables, ignore_index=True)
+    task = chosen_task(config.task)
+    rows = read_present(Path(config.table), task)
+    rows = rows if rows.empty else rows[rows.method == DIRECT]
+    if rows.empty:
+        raise SettingError(
+            f"table={config.table} holds no episodes of direct transfer. Roll them out: python -m benchmark.run "
+            f"suite={config.suite} method=direct"
+        )
+    tables = by_condition(rows, suite_conditions(config.suite), task)
+    return pd.concat([table.assign(condition=name) for name, table in tables.items()], ignore_index=True)
 
 
 def draw(episodes: "pd.DataFrame", number: int, seed: int) -> "pd.DataFrame":
@@ -111,7 +104,7 @@ def draw(episodes: "pd.DataFrame", number: int, seed: int) -> "pd.DataFrame":
     """
     failed = episodes[episodes.failure_cause.notna()].sample(frac=1, random_state=seed)
     if len(failed) < number:
-        raise SettingError(f"{len(failed)} episodes failed, and {number} are to be drawn. Raise episodes.")
+        raise SettingError(f"{len(failed)} episodes failed, and {number} are to be drawn. Roll out more.")
     turn = failed.groupby(["condition", "failure_cause"]).cumcount()
     return failed.loc[turn.sort_values(kind="stable").index[:number]].sample(frac=1, random_state=seed + 1)
 
@@ -252,7 +245,7 @@ def plot(axes: "Axes", name: str, curves: "dict[str, np.ndarray]", line: float |
     axes.legend(fontsize=5, loc="upper left")
 
 
-def stacked(figures: "list[Figure]", file: Path) -> Path:
+def stacked(figures: "Sequence[Figure]", file: Path) -> Path:
     """Figures one under another in a file."""
     import numpy as np
     from matplotlib.backends.backend_agg import FigureCanvasAgg
