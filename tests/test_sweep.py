@@ -89,7 +89,7 @@ def test_the_command_line_narrows_an_experiment():
 
 
 def test_hydra_s_own_sweeps():
-    assert [job.robot.name for job in jobs("robot=glob(xarm*)")] == ["xarm6"]
+    assert [job.robot.name for job in jobs("robot=glob(xarm*)")] == ["xarm6", "xarm7"]
     assert [job.guidance_scale for job in jobs("lambda=range(0,0.3,0.1)")] == pytest.approx([0, 0.1, 0.2])
     assert count("robot=glob(xarm*)", "lambda=choice(0,1)", "seed=range(42,45)") == 2 * 3
 
