@@ -131,7 +131,7 @@ def test_damaged_episodes_are_not_gone_on_with(simulated, tmp_path):
 
 
 def test_a_scale_is_chosen_over_all_conditions_within_the_budget(simulated, tmp_path, monkeypatch):
-    few = {name: suite_conditions("push-v1")[name] for name in ("ur3-near-2cm", "ur10-out")}
+    few = {name: suite_conditions("push-v1")[name] for name in ("ur3-near-8cm", "ur10-out")}
     monkeypatch.setattr(scale_choice, "suite_conditions", lambda name: few)
     monkeypatch.setattr(scale_choice, "BUDGET", 40)
     given = {"methods": ["towards"], "seeds": [42], "scales_dir": str(tmp_path), "output_dir": str(tmp_path / "rows")}

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import yaml
 
 from benchmark.settings.command import check_setting
@@ -12,8 +13,7 @@ from benchmark.settings.scenes import VALIDATION
 from benchmark.settings.suite import suite_conditions, suite_runs
 from benchmark.settings.task import chosen_task
 from benchmark.sweeps.chosen_scale import read_scales, scales_file
-from benchmark.sweeps.scale_sweep import COLLAPSE
-from policies.methods import DIRECT, GUIDED, METHODS
+from policies.methods import GUIDED, METHODS
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -85,23 +85,19 @@ class ChooseScalesConfig:
 
 
 def choose(config: ChooseScalesConfig, method: str, console: "Console") -> dict[str, Any]:
-    """The scale that does best over all conditions together, of equal ones the smallest, and what each came to.
-
-    The scales are tried from the smallest on; a method whose score falls below half of "off" ends there.
-    """
+    """The scale that does best over all conditions together, of equal ones the smallest, and what each came to."""
     from benchmark.artifacts.commit import commit
+    from benchmark.rollouts.missing_episodes import play_and_store
 
-    stages = _stages(config, method, console)
-    off = _rate(config, DIRECT, stages, 0.0, console)
-    tried = {0.0: off}
-    for scale in METHODS[method].scales(config.points):
-        tried[scale] = _rate(config, method, stages, scale, console)
-        if tried[scale] < COLLAPSE * off:
-            break
+    stages, scales = _stages(config, method, console), [0.0, *METHODS[method].scales(config.points)]
+    rollouts = [stage.rollout(scale) for scale in scales for stage in stages]
+    tables = play_and_store(rollouts, config.run(method), console, method)
+    scores = np.array([table[stages[0].task.ranking[0]].mean() for table in tables]).reshape(len(scales), -1).mean(1)
+    tried = {scale: round(float(score), 4) for scale, score in zip(scales, scores, strict=True)}
     best = max(tried, key=lambda scale: (tried[scale], -scale))
     about = {"suite": config.suite, "episodes_per_scale": len(stages) * config.episodes, "commit": commit()}
     version = max(stage.task.episode_version(stage.arm.setting) for stage in stages)
-    return {"scale": best, "tried": {k: round(v, 4) for k, v in tried.items()}, **about, "episode_version": version}
+    return {"scale": best, "tried": tried, **about, "episode_version": version}
 
 
 def written(config: ChooseScalesConfig, method: str, chosen: dict[str, Any]) -> Path:
@@ -121,14 +117,3 @@ def _stages(config: ChooseScalesConfig, method: str, console: "Console") -> "lis
 
     runs = [replace(run, seed=seed) for run in suite_runs(config.run(method)).values() for seed in config.seeds]
     return [set_stage(run, checkpoint_folder(run.seed), console) for run in runs]
-
-
-def _rate(config: ChooseScalesConfig, method: str, stages: "list[Stage]", scale: float, console: "Console") -> float:
-    """The score that ranks at a scale, over all conditions and policies; what is not stored is rolled out."""
-    import pandas as pd
-
-    from benchmark.rollouts.missing_episodes import play_and_store
-
-    rollouts = [stage.rollout(scale) for stage in stages]
-    rows = pd.concat(play_and_store(rollouts, config.run(method), console, f"{method} {scale:g}"))
-    return float(rows[stages[0].task.ranking[0]].mean())
