@@ -15,6 +15,7 @@ from richmap.geometry.grid import Grid
 from richmap.maps import construction
 from richmap.maps.construction import BuildProgress
 from richmap.maps.reachability_map import Construction, ReachabilityMap
+from richmap.outputs import CacheError
 from richmap.progress import SpokenProgress
 from richmap.robots.robot import RobotDescription
 
@@ -39,6 +40,7 @@ def build_map(
     base: tuple[float, float, float] = (0.0, 0.0, 0.0),
     workers: int = 2,
     console: Console | None = None,
+    only_cached: bool = False,
 ) -> ReachabilityMap:
     """The reachability map of a robot (RichMap, Algorithm 1): from the cache, or built there under a progress bar.
 
@@ -60,9 +62,10 @@ def build_map(
         base: Position of the base in the world, in [m]; cells line up with the world's.
         workers: Processes that sample.
         console: Where the bar is shown.
+        only_cached: Whether a map that is not in the cache is not to be built.
 
     Raises:
-        CacheError: If the map is not in the cache, and that cannot be written to.
+        CacheError: If the map is not in the cache, and that cannot be written to, or it is not to be built.
         ValueError: If the arm cannot be mapped so.
     """
     console = console or Console()
@@ -75,6 +78,8 @@ def build_map(
     lock, made = FileLock(f"{folder}.lock"), []
 
     def build() -> ReachabilityMap:
+        if only_cached:
+            raise CacheError(f"The map of {robot.name} with these settings is not in the cache.")
         folder.parent.mkdir(parents=True, exist_ok=True)
         with lock, MapProgress(robot.name, stop_rate, target, console) as progress:
             built = construction.build_map(robot, grid, asked, folder, workers, progress.report)

@@ -116,6 +116,44 @@ def solve(
     return joints, solved
 
 
+def configurations(
+    robot: RobotDescription,
+    starts: Float[np.ndarray, "starts dof"],
+    positions: Float[np.ndarray, "n 3"],
+    rotations: Float[np.ndarray, "n 3 3"],
+    most: int,
+    free_roll: bool = False,
+    limited: bool = True,
+) -> Float[np.ndarray, "n most dof"]:
+    """Different configurations that reach each pose, in the order in which they are found, self-collision or not.
+
+    Args:
+        robot: The arm.
+        starts: Configurations to start from, in [rad]; all are used unless `most` are found.
+        positions: Flange positions in the base frame, in [m].
+        rotations: Flange orientations in the base frame (columns: its axes).
+        most: Configurations to find at most. Whole turns of a joint make no other one.
+        free_roll: Whether only the approach direction counts, not the roll about it.
+        limited: Whether they are to be within the joint limits.
+
+    Returns:
+        Configurations, in [rad]; rows of NaN where there is no further one.
+    """
+    positions, rotations = _as_float64(positions, rotations)
+    found = np.full((len(positions), most, len(robot.joints)), np.nan)
+    frames, lower, upper = _arm(robot)
+    if not limited:
+        lower, upper = np.full(len(lower), -2 * np.pi), np.full(len(lower), 2 * np.pi)
+    pending = np.flatnonzero(
+        ~beyond_reach(robot, positions, rotations, POSITION_TOLERANCE + ANGLE_TOLERANCE * wrist_offset(robot))
+    )
+    of_pending, begin = found[pending], np.zeros(len(pending), dtype=np.int64)
+    starts = np.ascontiguousarray(starts, dtype=np.float64)
+    _search(frames, lower, upper, starts, positions[pending], rotations[pending], free_roll, 0.0, of_pending, begin)
+    found[pending] = of_pending
+    return found
+
+
 @lru_cache
 def _arm(robot: RobotDescription) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return joint_frames(robot), robot.lower.astype(np.float64), robot.upper.astype(np.float64)
@@ -130,8 +168,19 @@ def _as_float64(positions: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarra
 def _refine(frames, lower, upper, joints, positions, rotations, iterations, free_roll, errors):
     work = np.empty((4 * joints.shape[1] + 16, 6))
     for i in range(len(joints)):
-        errors[i] = _descend(
-            frames, lower, upper, joints[i], positions[i], rotations[i], free_roll, LEVER, iterations, work
+        errors[i] = descend(
+            frames,
+            lower,
+            upper,
+            joints[i],
+            positions[i],
+            rotations[i],
+            free_roll,
+            LEVER,
+            iterations,
+            POSITION_TOLERANCE,
+            ANGLE_TOLERANCE,
+            work,
         )
 
 
@@ -149,7 +198,9 @@ def _search(frames, lower, upper, starts, positions, rotations, free_roll, loose
         while next_start[i] < len(starts) and count < found.shape[1]:
             q[:] = starts[next_start[i]]
             next_start[i] += 1
-            off, angle = _descend(frames, lower, upper, q, p, r, free_roll, LEVER, ITERATIONS, work)
+            off, angle = descend(
+                frames, lower, upper, q, p, r, free_roll, LEVER, ITERATIONS, POSITION_TOLERANCE, ANGLE_TOLERANCE, work
+            )
             reached = off <= POSITION_TOLERANCE and angle <= ANGLE_TOLERANCE
             if loose > 0 and not reached:
                 off, angle = _polish(frames, lower, upper, q, p, r, free_roll, loose, off, angle, work)
@@ -187,14 +238,17 @@ def _polish(frames, lower, upper, q, position, rotation, free_roll, loose, off, 
             break
         share = min(max(1e3 * off / total, 0.05), 0.95)
         lever = np.degrees(1e-3) * np.sqrt(share / (1 - share))
-        off, angle = _descend(frames, lower, upper, q, position, rotation, free_roll, lever, 12, work)
+        off, angle = descend(
+            frames, lower, upper, q, position, rotation, free_roll, lever, 12, POSITION_TOLERANCE, ANGLE_TOLERANCE, work
+        )
     return off, angle
 
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def _descend(frames, lower, upper, q, position, rotation, free_roll, lever, iterations, work):
-    """Levenberg-Marquardt steps on `q`, in place; returns the errors of position in [m] and of angle in [rad].
+def descend(frames, lower, upper, q, position, rotation, free_roll, lever, iterations, off_enough, angle_enough, work):
+    """Levenberg-Marquardt steps on `q`, in place, until the errors of position in [m] and of angle in [rad] are small
+    enough; returns them.
 
     Nakamura & Hanafusa (1986), with joints held at a limit that the step would cross left out of it, and the damping
     of Marquardt: less after a step that brings the flange nearer, more after one that does not.
@@ -207,7 +261,7 @@ def _descend(frames, lower, upper, q, position, rotation, free_roll, lever, iter
     cost = _square(e)
     damping, slow, refused = min(0.05, cost), 0, 0  # Nearly Newton steps from a start that is near.
     for _ in range(iterations):
-        if off <= POSITION_TOLERANCE and angle <= ANGLE_TOLERANCE:
+        if off <= off_enough and angle <= angle_enough:
             break
         for r in range(6):
             for c in range(r + 1):

@@ -64,6 +64,12 @@ class RobotDescription:
         return np.array([float(joint.find("limit").get("upper")) for joint in self._actuated])
 
     @cached_property
+    def speeds(self) -> Float[np.ndarray, " dof"]:
+        """Greatest speeds of the joints, in [rad/s]; infinite where the description states none above 0."""
+        stated = [float(joint.find("limit").get("velocity") or 0) for joint in self._actuated]
+        return np.array([speed if speed > 0 else np.inf for speed in stated])
+
+    @cached_property
     def depth(self) -> dict[str, int]:
         """How many joints move each link; 0 for the base and what is fixed to it."""
         moving = np.cumsum([joint.get("type") != "fixed" for joint in self._joint_before])
