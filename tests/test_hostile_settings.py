@@ -29,6 +29,10 @@ REFUSED = {
         "map.theta=.02 map.cell_size=.005",
     ],
     "similarity": ["base=[1,2]", "base=[nan,0,0]", "output=/dev/null", "a=custom"],
+    "check": [
+        "base.x=[1,0]", "base.yaw=[nan,0]", "base.spacing=0.001", "speed=0", "fps=0", "scenes=0", "poses=nothing.csv",
+        "output_dir=/proc",
+    ],
     "merge_maps": ["output=/dev/null inputs=[a,b]", "inputs=[a,a]", "output=/dev/full inputs=[a,b]"],
     "train": ["threads=100000", "batch_size=100000000", "keep=[1000,1000]"],
     "collect": ["episodes=1000000000", "workers=10000", "output_dir="],

@@ -40,7 +40,7 @@ def test_a_page_is_written_without_a_screen(colour, coarse_map, monkeypatch, tmp
     file = tmp_path / "view.html"
     view.main(ViewConfig(robot=RobotConfig("ur3"), colour=colour, save=str(file)))
     shown = scene_of_page(file)
-    assert {"cells", "sphere", "directions", *load_robot("ur3").shapes} == set(shown)
+    assert {"axes", "cells", "sphere", "directions", *load_robot("ur3").shapes} == set(shown)
     assert shown["cells"].bounds[0, 1] > 0  # beyond the plane y = 0
     assert len(np.unique(shown["cells"].visual.vertex_colors, axis=0)) > 10
 

@@ -43,6 +43,17 @@ def robot_map(
         raise SettingError(f"robot={description.name}: {error}") from error
 
 
+def cached_map(description: "RobotDescription", config: MapConfig) -> "ReachabilityMap | None":
+    """The map of a robot in its base frame if it is in the cache."""
+    from richmap.maps.cached_map import build_map
+    from richmap.outputs import CacheError
+
+    try:
+        return build_map(description, only_cached=True, **asdict(config))
+    except CacheError:
+        return None
+
+
 @cache
 def _grid_remark(description: "RobotDescription", base: tuple[float, float, float], config: MapConfig) -> str | None:
     """What the map cuts off or leaves empty, if anything."""

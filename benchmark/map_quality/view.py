@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmark.artifacts.scene_page import ARM, Bar, arm_meshes, boxes, save_page, turned_up
 from benchmark.map_quality.pictures import half_filled_cell
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.config import SOURCE, MapConfig, RobotConfig, check_file, robot_field
-from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     import trimesh
@@ -27,7 +27,7 @@ SHRINK = 0.4
 RADIUS = 0.12
 """Of the sphere of directions, in [m]; cells that it would touch are left out."""
 
-ARM, CAP = (70, 90, 120, 255), (200, 40, 40, 255)
+CAP = (200, 40, 40, 255)
 
 
 @dataclass
@@ -77,7 +77,14 @@ def main(config: ViewConfig) -> None:
         of_source = robot_map(load_robot(SOURCE), origin, config.map, config.workers, console)
         values, colours = compare_maps(of_source, of_robot).mmd, "magma_r"
     file = Path(config.save or f"outputs/view/{robot.name}.html")
-    save_page(map_scene(robot, of_robot, values, colours, cell), file)
+    what = "share of directions that are reached" if config.colour == "coverage" else f"MMD against {SOURCE}"
+    save_page(
+        map_scene(robot, of_robot, values, colours, cell),
+        file,
+        f"{robot.name}: its reachability map beyond y = 0, and the directions of one cell",
+        [("the arm", ARM), ("directions that are reached in the cell with the sphere", CAP)],
+        Bar(what, colours, 0, 1),
+    )
     console.print(f"{file}: left button turns, right button moves, wheel zooms.", soft_wrap=True)
     if not config.save:
         webbrowser.open(file.absolute().as_uri())
@@ -122,13 +129,10 @@ def map_scene(
     sphere = trimesh.creation.icosphere(subdivisions=4, radius=0.98 * RADIUS)
     sphere.visual.vertex_colors = (225, 225, 225, 255)
     scene.add_geometry(sphere.apply_translation(centre), node_name="sphere", geom_name="sphere")
-    caps = _boxes(centre + RADIUS * stored.astype(float), 0.006)
+    caps = boxes(centre + RADIUS * stored.astype(float), 0.006)
     caps.visual.vertex_colors = CAP
     scene.add_geometry(caps, node_name="directions", geom_name="directions")
-    # glTF has y up. The eye is before the open side of the cells, somewhat to the right and above.
-    scene.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, (1, 0, 0)))
-    scene.set_camera(angles=np.radians((-15, 20, 0)), distance=1.3 * scene.scale, center=scene.centroid)
-    return scene
+    return turned_up(scene)  # The eye is before the open side of the cells.
 
 
 def cell_boxes(robot_map: "ReachabilityMap", values: np.ndarray, colours: str, centre: np.ndarray) -> "trimesh.Trimesh":
@@ -139,46 +143,10 @@ def cell_boxes(robot_map: "ReachabilityMap", values: np.ndarray, colours: str, c
     middle = grid.centres()
     apart = np.linalg.norm(middle - centre, axis=1) > RADIUS + grid.cell_size / 2
     drawn = ~np.isnan(values) & (middle[:, 1] > 0) & apart
-    boxes = _boxes(middle[drawn], SHRINK * grid.cell_size)
+    cells = boxes(middle[drawn], SHRINK * grid.cell_size)
     shade = colormaps[colours](np.minimum(values[drawn], 1), bytes=True)
-    boxes.visual.vertex_colors = np.repeat(shade, 8, axis=0)
-    return boxes
-
-
-def arm_meshes(robot: "RobotDescription", joints: np.ndarray) -> dict[str, "trimesh.Trimesh"]:
-    """Collision meshes of the arm's links in the base frame, at a configuration in [rad]."""
-    import pinocchio
-    import trimesh
-
-    model = pinocchio.buildModelFromXML(robot.urdf)
-    data = model.createData()
-    pinocchio.framesForwardKinematics(model, data, joints)
-    to_base = data.oMf[model.getFrameId(robot.base)].inverse()
-    meshes = {}
-    for link, shapes in robot.shapes.items():
-        mesh = trimesh.util.concatenate([shape.triangles() for shape in shapes])
-        mesh.apply_transform((to_base * data.oMf[model.getFrameId(link)]).homogeneous)
-        mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=np.tile(ARM, (len(mesh.vertices), 1)))
-        meshes[link] = mesh
-    return meshes
-
-
-def save_page(scene: "trimesh.Scene", file: Path) -> None:
-    """Write a scene with its viewer (three.js, as trimesh ships it) as one page that needs no network."""
-    from trimesh.viewer.notebook import scene_to_html
-
-    with replacing(file) as path:
-        path.write_text(scene_to_html(scene))
-
-
-def _boxes(centres: np.ndarray, edge: float) -> "trimesh.Trimesh":
-    """Cubes of one edge in one mesh: 8 vertices each, in the order of the centres, all in [m]."""
-    import trimesh
-
-    box = trimesh.creation.box((edge, edge, edge))
-    vertices = centres[:, None] + box.vertices
-    faces = np.arange(len(centres))[:, None, None] * 8 + box.faces
-    return trimesh.Trimesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), process=False)
+    cells.visual.vertex_colors = np.repeat(shade, 8, axis=0)
+    return cells
 
 
 if __name__ == "__main__":

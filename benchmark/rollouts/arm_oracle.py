@@ -92,6 +92,13 @@ def demonstrated_path(task: "Task", episodes: int, console: "Console") -> "np.nd
     """Flange positions, (n, 3), in [m], of the source's plain oracle in the scenes of the first seeds."""
     import numpy as np
 
+    return np.concatenate(demonstrated_paths(task, episodes, console))
+
+
+def demonstrated_paths(task: "Task", episodes: int, console: "Console") -> "list[np.ndarray]":
+    """The same of each episode."""
+    import numpy as np
+
     from envs.arm.place_arm import place_arm
     from envs.task import play_oracle
     from richmap.progress import progress_bar
@@ -100,6 +107,6 @@ def demonstrated_path(task: "Task", episodes: int, console: "Console") -> "np.nd
     env, make = task.make(arm), task.oracle("plain")(arm)
     with progress_bar(console) as progress:
         seeds = progress.track(range(episodes), description="Demonstrations")
-        infos = [info for seed in seeds for info in play_oracle(env, seed, make)]
+        paths = [np.array([info["flange"] for info in play_oracle(env, seed, make)]) for seed in seeds]
     env.close()
-    return np.array([info["flange"] for info in infos])
+    return paths

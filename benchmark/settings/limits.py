@@ -48,7 +48,9 @@ def _check_list(name: str, values: list, default: list | None) -> None:
         check_setting(len({*map(str, values)}) == len(values), name, shown, "each value once")
 
 
-COORDINATES = ("arm.base", "arm.narrowed", "arm.posture", "base", "cell")
+COORDINATES = (
+    "arm.base", "arm.narrowed", "arm.posture", "base", "base.x", "base.y", "base.yaw", "base.z", "cell",
+)  # fmt: skip
 """Lists in which a value may come twice."""
 
 
