@@ -130,7 +130,7 @@ def test_what_only_the_other_elbow_reaches_is_no_path():
 
 
 def test_links_that_touch_are_named():
-    robot = load_robot("ur5e")
+    robot = load_robot("ur3")
     joints = np.tile([0.1, -1.4, 1.5, -1.7, -1.5, 0.2], (40, 1))
     joints[:, 2] = np.linspace(1.5, 2.9, 40)  # The forearm folds onto the upper arm.
     positions, rotations = flange_frames(robot, joints)

@@ -101,9 +101,9 @@ def draw(check: PathCheck) -> "Figure":
                 label = f"{reason.words}: {len(of)}"
                 axes.plot(of[:, i], of[:, j], ".", ms=2, color=np.array(colour) / 255, label=label)
         axes.add_patch(Circle((shoulder[i], shoulder[j]), radius, fill=False, ls=":", color="0.5", label="reach"))
-        axes.plot(0, 0, "k+", ms=12, label="base")
+        axes.plot(0, 0, "k+", ms=6, label="base")
         axes.set(title=title, xlabel="x [m]", ylabel=f"{'xyz'[j]} [m]", aspect="equal")
-    above.legend(fontsize="x-small", loc="best", markerscale=4)
+    above.legend(fontsize="x-small", loc="best", markerscale=2)
     spans = check.path.spans
     picture = np.full((len(spans), max(span.stop - span.start for span in spans), 4), 255, dtype=np.uint8)
     for row, span in zip(picture, spans, strict=True):
