@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import xml.etree.ElementTree as ET
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -9,11 +10,14 @@ import pytest
 
 from richmap.motion.kinematics import flange_frames
 from richmap.motion.reach import reach_ball
+from richmap.physics.mujoco_model import kinematic_spec
 from richmap.robots.corrections import put_right
 from richmap.robots.packages import expanded
 from richmap.robots.reading import approach_pose
 from richmap.robots.robot_file import RobotFile
 from richmap.robots.robots import ROBOTS, load_robot, robot_file
+
+PAGE = Path(__file__).parents[1] / "docs" / "arms.md"
 
 ROUNDED = 3e-3
 """How far position and approach direction may be, in [m] and [1], from an MJCF's whose joints are put right."""
@@ -72,7 +76,18 @@ def test_an_arm_is_what_mujoco_reads_in_its_file(name):
         assert np.abs(position - expected[:3, 3]).max() < tolerance
         assert np.abs(rotation - expected[:3, :3])[:, axes].max() < tolerance
     assert robot.licence != "unknown" and said["package"] in robot.source and said["source"] in robot.source
+    assert kinematic_spec(robot).compile().nq == len(joints)
     assert 0.3 < reach_ball(robot)[1] < 2 and robot.shapes
+
+
+def test_the_page_has_every_arm_as_its_file_says():
+    lines = [line.split("|") for line in PAGE.read_text().splitlines() if line.startswith("|")][2:]
+    rows = {cells[1].strip().strip("*"): [cell.strip() for cell in cells] for cells in lines}
+    assert [*rows] == [*ROBOTS]
+    for name, cells in rows.items():
+        robot, scale = load_robot(name), robot_file(name).scale
+        assert {str(len(robot.joints)), robot.source, robot.licence} <= {*cells}
+        assert cells[4] == ("" if scale == 1 else f"{scale:g}")
 
 
 ARM = """<robot name="mini"><link name="foot"/>

@@ -149,9 +149,16 @@ def other_branches(arm: PlacedArm, poses: TaskPoses) -> list[PlacedArm]:
 def _description_and_file(robot: str | RobotDescription) -> tuple[RobotDescription, RobotFile | None]:
     """An arm, and its file if it ships; None for another arm, also for one that goes by such a name."""
     if isinstance(robot, str):
-        return load_robot(robot), robot_file(robot)
-    ships = robot.name in ROBOTS and robot == load_robot(robot.name)
-    return robot, robot_file(robot.name) if ships else None
+        return _scaled(robot), robot_file(robot)
+    if robot.name not in ROBOTS or robot not in (load_robot(robot.name), _scaled(robot.name)):
+        return robot, None
+    return _scaled(robot.name), robot_file(robot.name)
+
+
+@lru_cache
+def _scaled(name: str) -> RobotDescription:
+    """An arm that ships in the metres of a task that is made smaller for it, as its file says."""
+    return load_robot(name).in_units_of(robot_file(name).scale)
 
 
 @lru_cache

@@ -51,6 +51,8 @@ class BlockPushEnv(gymnasium.Env):
     what it was told so long ago; infos are of that command, observations of the present one. The flange is kept at
     z = .06 with the tool upright, or as much higher as its tool is longer.
 
+    For an arm whose file states a scale (`richmap.robots.robot_file`), a metre here is that many of its own.
+
     A real arm is protected, so in the settings `embodied` and `best` the command stays within 0.08 m of the flange, and
     an arm whose links touch each other, its tool or the table for 0.1 s within a second is stopped
     (`envs.arm.contact`): the episode ends, and the step in which it does earns nothing. In `original` neither acts.

@@ -109,6 +109,8 @@ class BlockPushSimulation(ManipulationEnv):
         self.mj_model: mujoco.MjModel = self.sim.model._model
         self.mj_data: mujoco.MjData = self.sim.data._data
         model = self.mj_model
+        if self._arm.description.scale != 1:
+            model.opt.gravity[:] /= self._arm.description.scale  # Its metres are shorter ones, its seconds are not.
         tighten_bounds(model)
         prefix = self.robots[0].robot_model.naming_prefix
         self.joints = np.array([model.joint(j).qposadr[0] for j in self.robots[0].robot_model.joints])

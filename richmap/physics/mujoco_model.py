@@ -57,11 +57,12 @@ def arm_spec(robot: RobotDescription, visual: bool = False) -> mujoco.MjSpec:
             for i, j in product(range(len(parts[a])), range(len(parts[b]))):
                 spec.add_pair(geomname1=f"{a}_part{i}", geomname2=f"{b}_part{j}")
     if visual:
-        _add_visual_meshes(spec, robot)
+        add_visual_meshes(spec, robot)
     return spec
 
 
-def _add_visual_meshes(spec: mujoco.MjSpec, robot: RobotDescription) -> None:
+def add_visual_meshes(spec: mujoco.MjSpec, robot: RobotDescription) -> None:
+    """Add collision shapes as they are in group 1, which are seen and collide with nothing."""
     for link, shapes in robot.shapes.items():
         for i, shape in enumerate(shapes):
             name = f"{link}_{i}_visual"

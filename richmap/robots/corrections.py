@@ -6,17 +6,10 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from richmap.robots.origin import number_text
-from richmap.robots.urdf import leave_out_extras, make_turns_full
+from richmap.robots.urdf import leave_out_extras, make_turns_full, multiply_lengths
 
 KEYS = ("unit", "shown", "collision", "without", "origins", "limits", "frames", "full_turns", "extras")
 """Those of an arm's file that say so, in the order in which they act (`richmap.robots.robot_file`)."""
-
-_LENGTHS = {
-    "origin": ("xyz",), "box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "mesh": ("scale",),
-}  # fmt: skip
 
 
 def put_right(root: ET.Element, said: dict[str, Any], located: Callable[[str], Path]) -> None:
@@ -31,7 +24,7 @@ def put_right(root: ET.Element, said: dict[str, Any], located: Callable[[str], P
         ValueError: If a link or joint is named that is not there.
     """
     if "unit" in said:
-        _in_metres(root, float(said["unit"]))
+        multiply_lengths(root, float(said["unit"]))
     if said.get("shown"):
         _collide_by_looks(root)
     if "collision" in said:
@@ -60,16 +53,6 @@ def put_right(root: ET.Element, said: dict[str, Any], located: Callable[[str], P
         make_turns_full(root)
     if not said.get("extras", True):
         leave_out_extras(root)
-
-
-def _in_metres(root: ET.Element, unit: float) -> None:
-    """Lengths of a file whose unit is another one, in [m]; masses are as they were."""
-    for element in root.iter():
-        if element.tag == "mesh" and element.get("scale") is None:
-            element.set("scale", "1 1 1")
-        for name in _LENGTHS.get(element.tag, ()):
-            if text := element.get(name):
-                element.set(name, number_text(unit * np.array(text.split(), dtype=float)))
 
 
 def _collide_by_looks(root: ET.Element) -> None:

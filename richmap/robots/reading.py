@@ -201,11 +201,13 @@ def _add_missing_inertia(root: ET.Element) -> None:
     """So that MuJoCo takes the arm."""
     moved = {joint.find("child").get("link") for joint in root.findall("joint") if joint.get("type") != "fixed"}
     for link in root.iter("link"):
-        mass = link.find("inertial/mass")
-        if link.get("name") in moved and (mass is None or float(mass.get("value")) <= 0):
+        mass, inertia = (link.find(f"inertial/{tag}") for tag in ("mass", "inertia"))
+        weight = 0.0 if mass is None else float(mass.get("value"))
+        whole = inertia is not None and all(float(inertia.get(f"i{axis}{axis}", 0)) > 0 for axis in "xyz")
+        if link.get("name") in moved and not (weight > 0 and whole):
             for empty in link.findall("inertial"):
                 link.remove(empty)
             inertial = ET.SubElement(link, "inertial")
-            ET.SubElement(inertial, "mass", value=repr(LEAST_MASS))
+            ET.SubElement(inertial, "mass", value=repr(weight if weight > 0 else LEAST_MASS))
             axes = {f"i{axis}{axis}": repr(LEAST_INERTIA) for axis in "xyz"}
             ET.SubElement(inertial, "inertia", ixy="0", ixz="0", iyz="0", **axes)

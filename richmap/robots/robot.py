@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from richmap.robots.shape import Shape
+from richmap.robots.urdf import multiply_lengths, multiply_masses
 
 if TYPE_CHECKING:
     import pytorch_kinematics
@@ -39,6 +40,8 @@ class RobotDescription:
     """Pairs of links that are not checked for collision, in the order of `shapes`."""
     notes: tuple[str, ...] = field(default=(), compare=False)
     """What was left out or taken for granted when it was read, one sentence each."""
+    scale: float = 1.0
+    """How many metres of the arm's one metre here is (`in_units_of`)."""
 
     @cached_property
     def links(self) -> tuple[str, ...]:
@@ -112,8 +115,24 @@ class RobotDescription:
         files = {str(shape.file) for shapes in self.shapes.values() for shape in shapes if shape.file}
         for file in sorted(files, key=len, reverse=True):  # One name may begin another.
             text = text.replace(file, hashlib.sha256(Path(file).read_bytes()).hexdigest())
-        unchecked = [json.dumps(self.unchecked)] if self.unchecked else []
-        return hashlib.sha256("\n".join([text, self.base, self.end_effector, *unchecked]).encode()).hexdigest()
+        more = [json.dumps(self.unchecked)] if self.unchecked else []
+        if self.scale != 1:
+            more.append(f"scale {self.scale!r}")
+        return hashlib.sha256("\n".join([text, self.base, self.end_effector, *more]).encode()).hexdigest()
+
+    def in_units_of(self, scale: float) -> "RobotDescription":
+        """The same arm in units of so many metres, as a task has it that is made so many times smaller for it.
+
+        What is here called a metre is `scale` of them, and the unit of mass is the one in which densities stay as they
+        are: lengths are divided by `scale`, masses by its third power, moments of inertia by its fifth. Times stay, so
+        that gravity is divided by `scale` too, where there is any.
+        """
+        if scale == 1:
+            return self
+        root = ET.fromstring(self.urdf)
+        multiply_lengths(root, 1 / scale)
+        multiply_masses(root, scale**-3, scale**-5)
+        return replace(self, urdf=ET.tostring(root, encoding="unicode"), scale=self.scale * scale)
 
     def turned(self, yaw: float) -> "RobotDescription":
         """The same arm on a base that is turned about z, in [rad]: its base frame is parallel to the world's again."""

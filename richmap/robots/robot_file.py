@@ -25,10 +25,13 @@ How it does tasks:
 
 - `branches`: postures that name a branch, roughly holding the tool upright in front of the arm with joint 1 at zero, in
   [rad], each with `bounds` in [rad] of joints that keep to it.
+- `scale`: what all lengths of a task are multiplied by for this arm: table, blocks, targets, tool, steps, thresholds.
+  The task goes on speaking in its own metres, of which one is then `scale` of the arm's.
 - `settings`: in which branch the arm does tasks in a setting, and where it then stands, `base`, in [m].
 """
 
 import importlib.metadata
+import math
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -42,7 +45,7 @@ from richmap.robots.robot import RobotDescription
 
 KEYS = {
     "package", "file", "base", "end_effector", "approach", "srdf", "ignore", "source", "licence", "as_given",
-    "branches", "settings", *corrections.KEYS,
+    "branches", "scale", "settings", *corrections.KEYS,
 }  # fmt: skip
 
 
@@ -77,6 +80,8 @@ class RobotFile:
     """By name; none where they are to be found."""
     settings: dict[str, Stand]
     """By the setting's name."""
+    scale: float = 1.0
+    """How many times smaller a task is made for it."""
 
     @classmethod
     def read(cls, path: Path) -> "RobotFile":
@@ -91,11 +96,14 @@ class RobotFile:
                 raise ValueError(f"It says file, base and end_effector, and may say {', '.join(sorted(KEYS))}.")
             branches = {name: _branch(**each) for name, each in said.pop("branches", {}).items()}
             settings = {name: _stand(**each) for name, each in said.pop("settings", {}).items()}
+            scale = float(said.pop("scale", 1))
+            if not 0 < scale < math.inf:
+                raise ValueError(f"scale is a number above 0. Got {scale}.")
             if unknown := {each.branch for each in settings.values()} - branches.keys():
                 raise ValueError(f"A setting is in branch {unknown.pop()!r}, and branches are {', '.join(branches)}.")
         except (OSError, yaml.YAMLError, TypeError, AttributeError, ValueError) as error:
             raise ValueError(f"{path} is no arm's file: {error}") from error
-        return cls(path, said, branches, settings)
+        return cls(path, said, branches, settings, scale)
 
     def description(self) -> RobotDescription:
         """The arm.

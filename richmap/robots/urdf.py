@@ -4,6 +4,15 @@ import math
 import xml.etree.ElementTree as ET
 from copy import deepcopy
 
+import numpy as np
+
+from richmap.robots.origin import number_text
+
+_LENGTHS = {
+    "origin": ("xyz",), "box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "mesh": ("scale",),
+}  # fmt: skip
+_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
 
 def chain_alone(whole: ET.Element, chain: list[str]) -> ET.Element:
     """A copy with the links of a chain, the joints between them and their collision shapes."""
@@ -50,3 +59,25 @@ def make_limits_whole(root: ET.Element) -> None:
     """Give limits the effort and velocity that URDF asks for and nothing here reads."""
     for limit in root.iter("limit"):
         limit.attrib = {"effort": "0", "velocity": "0", **limit.attrib}
+
+
+def multiply_lengths(root: ET.Element, factor: float) -> None:
+    """All lengths times a factor; masses and moments of inertia stay."""
+    for element in root.iter():
+        if element.tag == "mesh" and element.get("scale") is None:
+            element.set("scale", "1 1 1")
+        _multiply(element, _LENGTHS.get(element.tag, ()), factor)
+
+
+def multiply_masses(root: ET.Element, of_mass: float, of_inertia: float) -> None:
+    """All masses and all moments of inertia times factors of theirs."""
+    for element in root.iter("mass"):
+        _multiply(element, ("value",), of_mass)
+    for element in root.iter("inertia"):
+        _multiply(element, _INERTIA, of_inertia)
+
+
+def _multiply(element: ET.Element, names: tuple[str, ...], factor: float) -> None:
+    for name in names:
+        if text := element.get(name):
+            element.set(name, number_text(factor * np.array(text.split(), dtype=float)))
