@@ -92,6 +92,18 @@ def test_each_cause_is_told_from_the_others(cause):
     assert summarize(episode(**CASES[cause])).failure_cause == cause
 
 
+def test_a_stretched_arm_that_sticks_beyond_or_beside_its_point_is_at_its_outer_reach():
+
+    def later(case, key, step):
+        before = {"flange": np.array([0.3, 0.0, 0.06])} | episode(1)[0]
+        return case[key] if step > 50 else before[key]
+
+    for missing in ((-0.03, 0.0), (0.0, 0.03)):
+        case = away(0.55, 0.0, missing)
+        infos = episode(**{key: functools.partial(later, case, key) for key in case})
+        assert summarize(infos).failure_cause == "outer_reach"
+
+
 def test_a_success_has_no_cause_whatever_happened_before():
     placed = np.array([0, 1])
     infos = episode(**CASES["outer_reach"] | {"p2": True, "block_in_target": placed})

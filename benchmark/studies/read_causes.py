@@ -119,16 +119,16 @@ def traced(shown: "pd.DataFrame", table: str, answers: dict[str, Any]) -> "Itera
 
     for number, row in enumerate(shown.to_dict("records"), 1):
         rollout = row_rollout(row, ReplayConfig(table=table), Console(quiet=True))
-        infos, pictures, began = seen(rollout, row["episode_seed"])
+        infos, pictures, (began, cause) = seen(rollout, row["episode_seed"])
         answers[f"{number}"] = {
             "condition": row["condition"], "policy": row["checkpoint"], "seed": row["episode_seed"],
-            "cause": row["failure_cause"], "row": row_id(row),
+            "cause": cause, "row": row_id(row),
         }  # fmt: skip
         yield drawn(f"{number}: {row['condition']}", infos, pictures, began, rollout)
 
 
-def seen(rollout: "Rollout", seed: int) -> "tuple[list[dict], list[tuple[int, np.ndarray]], int]":
-    """Infos of an episode, its pictures with their steps, and the step in which its fault began."""
+def seen(rollout: "Rollout", seed: int) -> "tuple[list[dict], list[tuple[int, np.ndarray]], tuple[int, str]]":
+    """Infos of an episode, its pictures with their steps, and the step in which its fault began, and its cause."""
     import dataclasses
 
     import gymnasium
@@ -163,7 +163,7 @@ def seen(rollout: "Rollout", seed: int) -> "tuple[list[dict], list[tuple[int, np
         data.qpos[:] = states[step]
         mujoco.mj_forward(model, data)
         pictures.append((step, env.render()))
-    return kept, pictures, found[0]
+    return kept, pictures, found
 
 
 def drawn(
@@ -242,7 +242,7 @@ def plot(axes: "Axes", name: str, curves: "dict[str, np.ndarray]", line: float |
     axes.axvline(began, color="black", linewidth=0.6, linestyle=":")
     axes.set_title(name, fontsize=7, pad=2)
     axes.tick_params(labelsize=6)
-    axes.legend(fontsize=5, loc="upper left")
+    axes.legend(fontsize=5, loc="upper left", framealpha=0.2)
 
 
 def stacked(figures: "Sequence[Figure]", file: Path) -> Path:

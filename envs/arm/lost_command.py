@@ -23,6 +23,10 @@ AT_LIMIT = 0.02
 SHORT = 2e-3
 """Inverse kinematics that misses its point by more than this, in [m], is at the border of what it can reach."""
 
+AT_BORDER, MUCH_NEARER = 0.02, 0.1
+"""An arm is stretched where its flange is this near to the farthest that it comes, in [m], having been this much nearer
+to the base."""
+
 ARM_STATES = ("free", "border", "joint_limit", "contact")
 """What an arm may be at: nothing that holds it, the border of its reach (or its fold), a joint's limit, or something
 that it touches."""
@@ -39,9 +43,9 @@ def cause_of_loss(record: dict[str, np.ndarray], lost: Int[np.ndarray, " n"]) ->
     """What keeps the arm from its command in these steps.
 
     Inverse kinematics that misses its point, with a joint at a limit that binds: that limit. Else outer reach if the
-    flange is short of the point, seen from the base, the fold if it is beyond it, and a stuck branch if it is beside
-    it. Where inverse kinematics does not miss it, joints are not where they should be: links touch each other or the
-    table, or something else holds the arm.
+    flange is short of the point, seen from the base, or the arm is stretched, which solutions stick to for a while; the
+    fold if it is beyond its point, and a stuck branch if it is beside it. Where inverse kinematics does not miss it,
+    joints are not where they should be: links touch each other or the table, or something else holds the arm.
     """
     if np.median(record["ik_residual"][lost]) < 0.5 * np.median(record["tracking_error"][lost]):
         if record["self_contact"][lost].mean() > 0.5:
@@ -54,9 +58,15 @@ def cause_of_loss(record: dict[str, np.ndarray], lost: Int[np.ndarray, " n"]) ->
     radius = np.linalg.norm(from_base, axis=-1)
     radial = np.sum(missing * from_base, axis=-1) / np.maximum(radius, 1e-9)
     share = np.median(radial / record["tracking_error"][lost])
-    if share > 0.7:
+    if share > 0.7 or _stretched(record, lost):
         return "outer_reach"
     return "near_base_fold" if share < -0.7 else "ik_branch"
+
+
+def _stretched(record: dict[str, np.ndarray], lost: Int[np.ndarray, " n"]) -> bool:
+    """Whether the flange is then as far from the base as it ever comes, and has been much nearer."""
+    reached = np.linalg.norm(record["flange"][:, :2] - record["base"][:, :2], axis=-1)
+    return bool(np.ptp(reached) > MUCH_NEARER and np.median(reached[lost]) > reached.max() - AT_BORDER)
 
 
 def in_contact(record: dict[str, np.ndarray]) -> Bool[np.ndarray, " t"]:
