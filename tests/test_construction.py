@@ -40,7 +40,7 @@ def panda_map(tmp_path_factory):
 
 
 def test_the_map_does_not_depend_on_the_number_of_workers(coarse_map, tmp_path):
-    other = build_map(ROBOT, GRID, coarse(ROBOT), tmp_path, workers=3)
+    other = build_map(ROBOT, GRID, coarse(ROBOT), tmp_path, workers=2)
     assert other.content_hash == coarse_map.content_hash
     assert other.construction == coarse_map.construction
 

@@ -91,7 +91,7 @@ def test_the_command_line_narrows_an_experiment():
 def test_hydra_s_own_sweeps():
     assert [job.robot.name for job in jobs("robot=glob(xarm*)")] == ["xarm6", "xarm7"]
     assert [job.guidance_scale for job in jobs("lambda=range(0,0.3,0.1)")] == pytest.approx([0, 0.1, 0.2])
-    assert count("robot=glob(xarm*)", "lambda=choice(0,1)", "seed=range(42,45)") == 2 * 3
+    assert count("robot=glob(xarm*)", "lambda=choice(0,1)", "seed=range(42,45)") == 2 * 2 * 3
 
 
 def test_two_sweeps_that_start_together_have_folders_of_their_own():

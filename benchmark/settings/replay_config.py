@@ -21,7 +21,7 @@ class ReplayConfig:
     """How many rows instead, drawn at random; a whole number >= 0."""
     seed: int = 0
     """Seed of the draw; a whole number >= 0."""
-    robot: RobotConfig = robot_field("xarm6", ("custom",))
+    robot: RobotConfig = robot_field("xarm6")
     """For a row of an arm that does not ship: robot=custom robot.path=... and so on, as it was run with."""
     policy: str = ""
     """Folder of the row's policy, where it is none of ours; empty to look for its weights among ours."""
