@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from rich.console import Console
 
 from benchmark import show
 from benchmark.episodes.arm import arm_columns
@@ -16,6 +17,7 @@ from benchmark.settings.scenes import PAPER, SEALED, TABLES, VALIDATION
 from benchmark.settings.setting import SettingError
 from benchmark.settings.suite import SUITES, suite_conditions, suite_runs
 from benchmark.studies.suite_candidates import verdict
+from benchmark.sweeps.chosen_players import chosen_players
 from envs.block_push.arm import block_push_arm
 from envs.block_push.task import BLOCK_PUSH
 from tests.made_up_episodes import CONDITION, episode
@@ -42,6 +44,16 @@ def test_a_suite_has_conditions_that_differ(suite):
     assert len({repr((each.robot, each.setting, each.arm)) for each in conditions.values()}) == len(conditions) >= 8
     runs = suite_runs(RunConfig(method="direct", suite=suite, conditions=conditions))
     assert [*runs] == [*conditions] and all(run.arm == conditions[name].arm for name, run in runs.items())
+
+
+def test_whoever_is_asked_for_plays_on_every_condition():
+    few = {name: suite_conditions("push-v1")[name] for name in ("ur3-near-8cm", "ur10-out")}
+    for method, scale in (("plain_oracle", 0.0), ("direct", 0.0)):
+        asked = RunConfig(method=method, guidance_scale=scale, seeds=[42], suite="push-v1", conditions=few)
+        played = [player.condition for player in chosen_players(asked, Console(quiet=True))]
+        assert [(each.robot, each.method) for each in played] == [("ur3", method), ("ur10", method)]
+    asked = RunConfig(method=f"{__file__}:Mine", suite="push-v1", conditions=few)
+    assert {run.method for run in suite_runs(asked).values()} == {f"{__file__}:Mine"}
 
 
 def test_no_other_suite_is_there():

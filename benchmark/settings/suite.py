@@ -8,7 +8,6 @@ from omegaconf import OmegaConf
 from benchmark.settings.composition import CONF
 from benchmark.settings.config import ConditionConfig, RobotConfig, RunConfig
 from benchmark.settings.setting import SettingError
-from policies.methods import DIRECT, METHODS
 
 SUITES = CONF / "suite"
 
@@ -38,7 +37,6 @@ def suite_runs(config: RunConfig) -> dict[str, RunConfig]:
             setting=condition.setting,
             arm=condition.arm,
             seed=config.seeds[0],
-            method=config.method if config.method in METHODS else DIRECT,
             suite="",
             conditions={},
         )
