@@ -174,7 +174,7 @@ def drawn(
     from matplotlib.figure import Figure
 
     from envs.arm.lost_command import AT_LIMIT, LOST
-    from envs.block_push.failure import BEHIND, TOOL_TILTED, recorded
+    from envs.block_push.failure import BEHIND, STILL, TIPPED, TOOL_TILTED, recorded
     from envs.block_push.workspace import WORKSPACE
 
     record = recorded(infos)
@@ -189,7 +189,12 @@ def drawn(
     base = record["base"][:, :2]
     blocks = record["block_positions"][..., :2]
     outside = np.maximum(WORKSPACE[0] - BEHIND - blocks, blocks - WORKSPACE[1] - BEHIND).max(axis=2)
-    panels: dict[str, tuple[dict[str, np.ndarray], float | None]] = {
+    from_base = record["commanded"] - base
+    missing = record["commanded"] - record["flange"][:, :2]
+    outward = np.sum(missing * from_base, axis=1) / np.linalg.norm(from_base, axis=1)
+    moved = np.full((len(blocks), 2), np.nan)
+    moved[10:] = np.linalg.norm(blocks[10:] - blocks[:-10], axis=2).clip(max=0.1)
+    panels: dict[str, tuple[dict[str, np.ndarray], Sequence[float]]] = {
         "from the base [m]": (
             {
                 "command": np.linalg.norm(record["commanded"] - base, axis=1),
@@ -197,52 +202,53 @@ def drawn(
                 "block": np.linalg.norm(blocks[:, 0] - base, axis=1).clip(max=1),
                 "block 2": np.linalg.norm(blocks[:, 1] - base, axis=1).clip(max=1),
             },
-            None,
+            (),
         ),
         "missing [mm]": (
-            {"command to flange": 1e3 * record["tracking_error"], "by kinematics": 1e3 * record["ik_residual"]},
-            1e3 * LOST,
+            {
+                "flange": 1e3 * record["tracking_error"],
+                "by kinematics": 1e3 * record["ik_residual"],
+                "outward": 1e3 * outward,
+            },
+            (1e3 * LOST,),
         ),
-        "joint to limit [rad]": ({"margin": record["joint_limit_margin"]}, AT_LIMIT),
+        "joint to limit [rad]": ({"margin": record["joint_limit_margin"]}, (AT_LIMIT,)),
         "tilt [deg]": (
             {"tool": np.degrees(record["tool_tilt"]), "blocks": np.degrees(record["block_tilt"].max(axis=1))},
-            np.degrees(TOOL_TILTED),
+            (np.degrees(TOOL_TILTED), np.degrees(TIPPED)),
         ),
         "touches": (
             {"itself": record["self_contact"] * 1.0, "table": record["table_contact"] * 1.0 + 0.05},
-            None,
+            (),
         ),
-        "block in target": (
+        "in target": (
             {"block": record["block_in_target"][:, 0], "block 2": record["block_in_target"][:, 1] + 0.05},
-            None,
+            (),
         ),
-        "block moved in 1 s [mm]": (
-            {
-                name: 1e3 * np.linalg.norm(blocks[10:, i] - blocks[:-10, i], axis=1).clip(max=0.1)
-                for i, name in enumerate(("block", "block 2"))
-            },
-            None,
+        "moved in the last second [mm]": (
+            {name: 1e3 * moved[:, i] for i, name in enumerate(("block", "block 2"))},
+            (1e3 * STILL,),
         ),
-        "block outside [m]": (
+        "outside [m]": (
             {name: outside[:, i].clip(-0.1, 0.1) for i, name in enumerate(("block", "block 2"))},
-            0.0,
+            (0.0,),
         ),
     }
-    for axes, (name, (curves, line)) in zip(below.subplots(2, 4).ravel(), panels.items(), strict=True):
-        plot(axes, name, curves, line, began)
+    for axes, (name, (curves, lines)) in zip(below.subplots(2, 4).ravel(), panels.items(), strict=True):
+        plot(axes, name, curves, lines, began)
     return figure
 
 
-def plot(axes: "Axes", name: str, curves: "dict[str, np.ndarray]", line: float | None, began: int) -> None:
-    """Curves over the steps, a dashed line at the value that tells a fault, a dotted one where it began."""
+def plot(axes: "Axes", name: str, curves: "dict[str, np.ndarray]", lines: Sequence[float], began: int) -> None:
+    """Curves over the steps, dashed lines at the values that tell a fault, a dotted one where it began."""
     for label, values in curves.items():
         axes.plot(values, linewidth=0.8, label=label)
-    if line is not None:
+    for line in lines:
         axes.axhline(line, color="grey", linewidth=0.6, linestyle="--")
     axes.axvline(began, color="black", linewidth=0.6, linestyle=":")
-    axes.set_title(name, fontsize=7, pad=2)
+    axes.set_title(name, fontsize=7, pad=2, loc="left")
     axes.tick_params(labelsize=6)
-    axes.legend(fontsize=5, loc="upper left", framealpha=0.2)
+    axes.legend(fontsize=5, loc="lower right", bbox_to_anchor=(1, 1), ncols=4, frameon=False, borderpad=0)
 
 
 def stacked(figures: "Sequence[Figure]", file: Path) -> Path:
