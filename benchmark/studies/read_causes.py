@@ -248,7 +248,8 @@ def plot(axes: "Axes", name: str, curves: "dict[str, np.ndarray]", lines: Sequen
     axes.axvline(began, color="black", linewidth=0.6, linestyle=":")
     axes.set_title(name, fontsize=7, pad=2, loc="left")
     axes.tick_params(labelsize=6)
-    axes.legend(fontsize=5, loc="lower right", bbox_to_anchor=(1, 1), ncols=4, frameon=False, borderpad=0)
+    look = {"fontsize": 5, "frameon": False, "borderpad": 0, "handlelength": 1, "columnspacing": 1}
+    axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=4, **look)
 
 
 def stacked(figures: "Sequence[Figure]", file: Path) -> Path:

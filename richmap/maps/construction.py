@@ -21,7 +21,6 @@ from richmap.files import FileRefusedError
 from richmap.geometry.grid import Grid
 from richmap.maps.insertion import Inserter
 from richmap.maps.reachability_map import Construction, ReachabilityMap
-from richmap.motion.collision import SelfCollision, adopt, self_collision
 from richmap.motion.kinematics_check import check_kinematics
 from richmap.motion.sampling import Orbits, roll_gap, sample_workspace, way_about_z
 from richmap.robots.robot import RobotDescription
@@ -253,7 +252,7 @@ def _draws(robot: RobotDescription, construction: Construction, workers: int, fi
     slots, context = 2 * workers + 1, get_context("spawn")
     size = slots * construction.draw
     buffers = [context.RawArray("b", size * dtype.itemsize * width) for dtype, width in _fields(robot, construction)]
-    with worker_pool(workers, _start_sampler, (robot, construction, buffers, self_collision(robot))) as pool:
+    with worker_pool(workers, _start_sampler, (robot, construction, buffers)) as pool:
         yield _drawn(pool, _views(buffers, robot, construction), slots, first)
         pool.shutdown(cancel_futures=True)
 
@@ -289,10 +288,9 @@ _sampler: tuple[RobotDescription, Construction, list[np.ndarray]]
 """What a worker process draws, and where to."""
 
 
-def _start_sampler(robot: RobotDescription, construction: Construction, buffers: list, check: SelfCollision) -> None:
+def _start_sampler(robot: RobotDescription, construction: Construction, buffers: list) -> None:
     global _sampler  # of this worker process
     start_worker()
-    adopt(robot, check)
     _sampler = robot, construction, _views(buffers, robot, construction)
 
 

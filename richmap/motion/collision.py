@@ -3,7 +3,6 @@
 import tempfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import coal
 import numpy as np
@@ -68,9 +67,6 @@ class SelfCollision:
         self._with_base = self._checking(base_pairs)
         self._near_base = list(dict.fromkeys(b for _, b in base_pairs))
         self._split_base(robot, {a for a, _ in base_pairs})
-
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_pools": {}}  # They are known by the identity of their geometries.
 
     def __call__(self, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, " n"]:
         """Whether each configuration, in [rad], is in self-collision."""
@@ -261,11 +257,6 @@ def self_collision(robot: RobotDescription) -> SelfCollision:
     if robot not in _checks:
         _checks[robot] = SelfCollision(robot)
     return _checks[robot]
-
-
-def adopt(robot: RobotDescription, check: SelfCollision) -> None:
-    """Take over the robot's collision checker from another process, as building it takes seconds."""
-    _checks[robot] = check
 
 
 def _collision_geometry(robot: RobotDescription, model: pinocchio.Model) -> pinocchio.GeometryModel:
