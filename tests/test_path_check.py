@@ -1,5 +1,7 @@
 """What an arm follows of a path, against closed forms and another library's inverse kinematics."""
 
+import dataclasses
+
 import mink
 import numpy as np
 import pytest
@@ -14,22 +16,7 @@ from richmap.paths.pose_path import PosePath
 from richmap.physics.mujoco_model import kinematic_spec
 from richmap.robots.robots import load_robot
 from richmap.similarity.similarity import compare_maps
-
-INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-LIMIT = '<limit lower="{}" upper="{}" effort="1" velocity="{}"/>'
-
-
-def planar(lower=-3.0, upper=3.0, speed=2.0):
-    """Three joints about z with links of 0.4, 0.3 and 0.1 m: it reaches 0.8 m, and a pose in its plane in two ways."""
-    joints = [("base", "a", 0.0), ("a", "b", 0.4), ("b", "c", 0.3)]
-    parts = [
-        f'<joint name="{child}" type="revolute"><parent link="{parent}"/><child link="{child}"/><origin xyz="{x} 0 0"/>'
-        f'<axis xyz="0 0 1"/>{LIMIT.format(lower, upper, speed)}</joint><link name="{child}">{INERTIAL}</link>'
-        for parent, child, x in joints
-    ]
-    tool = '<joint name="t" type="fixed"><parent link="c"/><child link="tool"/><origin xyz="0.1 0 0"/></joint>'
-    text = f'<robot name="planar"><link name="base"/>{"".join(parts)}{tool}<link name="tool"/></robot>'
-    return richmap.RobotDescription("planar", text, "base", "tool", "", "")
+from tests.planar_arm import planar
 
 
 def checked_path(robot, path, episodes=None, **options):
@@ -103,6 +90,29 @@ def test_a_joint_is_turned_back_by_a_whole_turn_if_there_is_time():
     assert lost[0] == np.argmax(out) and {*checked.reason[lost]} == {Reason.JOINT_LIMIT}
     assert (np.diff(lost) == 1).all() and abs(lost[-1] - back) <= 3
     assert checked.joints[-1, 0] == pytest.approx(joints[-1, 0] - 2 * np.pi, abs=1e-4)
+
+
+@pytest.mark.parametrize("joint", [0, 6])
+def test_a_joint_that_turns_without_end_goes_twice_round(joint):
+    """The other six joints move as they like, and share in the turning."""
+    robot = load_robot("gen3")
+    assert robot.continuous == tuple(robot.joints[::2])
+    joints = np.tile([0.3, 0.5, -0.2, 1.6, 0.1, 0.9, 0.4], (160, 1))
+    joints[:, joint] += np.linspace(0, 4 * np.pi, 160)
+    positions, rotations = flange_frames(robot, joints)
+    checked = richmap.check(robot, np.column_stack([positions, Rotation.from_matrix(rotations).as_quat()]))
+    assert checked.steps_followed == 1.0
+    assert checked.joints[-1, joint] - checked.joints[0, joint] > 3 * np.pi
+    assert flange_frames(robot, checked.joints)[0] == pytest.approx(positions, abs=1e-3)
+    stopped = richmap.check(dataclasses.replace(robot, continuous=()), checked.path)
+    assert stopped.steps_followed < 1.0
+
+
+def test_a_joint_that_turns_without_end_stops_where_its_limits_are_narrowed():
+    robot = dataclasses.replace(planar(-np.pi, np.pi), continuous=("a", "c"))
+    assert np.stack(robot.stops).tolist() == [[-np.inf, -np.pi, -np.inf], [np.inf, np.pi, np.inf]]
+    narrow = robot.narrowed(robot.lower, np.array([1.0, np.pi, np.pi]))
+    assert np.stack(narrow.stops)[:, 0].tolist() == [-np.pi, 1.0]
 
 
 @pytest.mark.parametrize("step, waits", [(0.199, 0), (0.201, 1), (0.5, 2), (0.65, 3)])

@@ -133,10 +133,11 @@ class PathCheck:
                 distance = np.linalg.norm(self.path.positions[row] - shoulder)
                 return f"{distance:.3f} m from the shoulder; the flange gets {radius:.3f} m away at most"
             case Reason.JOINT_LIMIT if not np.isnan(joints[0]):
-                beyond = np.maximum(robot.lower - joints, joints - robot.upper)
+                lower, upper = robot.stops
+                beyond = np.maximum(lower - joints, joints - upper)
                 if beyond.max() > 0:
                     j = int(np.argmax(beyond))
-                    limit = robot.lower[j] if joints[j] < robot.lower[j] else robot.upper[j]
+                    limit = lower[j] if joints[j] < lower[j] else upper[j]
                     return f"{robot.joints[j]} at {joints[j]:.3f} rad, its limit is {limit:.3f} rad"
                 return "a joint has to be turned back by a whole turn first"
             case Reason.SELF_COLLISION if not np.isnan(joints[0]):

@@ -74,6 +74,7 @@ def follow(
 
     An arm with more joints than a pose has numbers moves as little as it can, and keeps within its limits where that
     goes. One that would have to go on beyond a limit, and can do the same after a whole turn of that joint, does so.
+    Joints that turn without end have no limits here, so that angles may go beyond those of one turn.
 
     Args:
         robot: The arm.
@@ -88,7 +89,7 @@ def follow(
     joints, n = np.zeros((len(positions), len(start))), len(positions)
     found, turned = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
     _follow(
-        joint_frames(robot), robot.lower.astype(np.float64), robot.upper.astype(np.float64),
+        joint_frames(robot), *robot.stops,
         np.array(start, dtype=np.float64), np.ascontiguousarray(positions, dtype=np.float64),
         np.ascontiguousarray(rotations, dtype=np.float64), free_roll, joints, found, turned,
     )  # fmt: skip

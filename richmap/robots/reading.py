@@ -61,6 +61,7 @@ def read_arm(
     if approach not in APPROACHES:
         raise ValueError(f"the approach direction is one of {', '.join(APPROACHES)}. Got {approach}.")
     whole, apart = _read(path)
+    continuous = whole.findall("joint[@type='continuous']")  # Their limits become those of one turn.
     put_right(whole)
     check_names(whole, path)
     _name_joints_apart(whole)
@@ -80,7 +81,7 @@ def read_arm(
     for link in root.iter("link"):
         read_shapes(link, path, known)
     if as_given:
-        return _described(root, path, base, end_effector)
+        return _described(root, path, base, end_effector, continuous)
     _add_missing_inertia(root)
     notes = [*_add_beside(whole, chain, root, path, known), *upward(root)]
     if approach != "z":
@@ -90,7 +91,7 @@ def read_arm(
         end_effector = name
     make_turns_full(root)
     make_limits_whole(root)
-    robot = _described(root, path, base, end_effector)
+    robot = _described(root, path, base, end_effector, continuous)
     apart |= neighbours(whole.findall("joint"), {*robot.shapes}, robot.beside)
     unchecked = tuple(pair for pair in robot.pairs if frozenset(pair) in apart)
     return replace(robot, unchecked=unchecked, notes=tuple(notes))
@@ -103,14 +104,18 @@ def approach_pose(approach: str) -> Float[np.ndarray, "4 4"]:
     return pose
 
 
-def _described(root: ET.Element, path: Path, base: str, end_effector: str) -> RobotDescription:
+def _described(
+    root: ET.Element, path: Path, base: str, end_effector: str, continuous: Iterable[ET.Element]
+) -> RobotDescription:
     """An arm that goes by its file's name."""
     urdf = ET.tostring(root, encoding="unicode")
     try:
         pinocchio.buildModelFromXML(urdf)
     except ValueError as error:
         raise ValueError(f"{path} is no URDF that Pinocchio reads: {error}") from error
-    return RobotDescription(path.stem, urdf, base, end_effector, path.name, "unknown")
+    kept = {joint.get("name") for joint in root.iter("joint")}
+    endless = tuple(name for joint in continuous if (name := joint.get("name", "")) in kept)
+    return RobotDescription(path.stem, urdf, base, end_effector, path.name, "unknown", continuous=endless)
 
 
 def _read(path: Path) -> tuple[ET.Element, Pairs]:

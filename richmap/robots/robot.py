@@ -38,6 +38,8 @@ class RobotDescription:
     licence: str
     unchecked: tuple[tuple[str, str], ...] = ()
     """Pairs of links that are not checked for collision, in the order of `shapes`."""
+    continuous: tuple[str, ...] = ()
+    """Joints that turn without end. Their limits are those of one turn, which covers every posture once."""
     notes: tuple[str, ...] = field(default=(), compare=False)
     """What was left out or taken for granted when it was read, one sentence each."""
     scale: float = 1.0
@@ -65,6 +67,16 @@ class RobotDescription:
     def upper(self) -> Float[np.ndarray, " dof"]:
         """Upper joint limits, in [rad]."""
         return np.array([float(joint.find("limit").get("upper")) for joint in self._actuated])
+
+    @cached_property
+    def stops(self) -> tuple[Float[np.ndarray, " dof"], Float[np.ndarray, " dof"]]:
+        """Angles beyond which the joints do not turn, in [rad]: their limits, or infinity for one that goes round.
+
+        One does that is continuous, unless its limits were narrowed to less than a turn.
+        """
+        named = np.array([joint in self.continuous for joint in self.joints])
+        round_ = named & (self.upper - self.lower >= 2 * np.pi)
+        return np.where(round_, -np.inf, self.lower), np.where(round_, np.inf, self.upper)
 
     @cached_property
     def speeds(self) -> Float[np.ndarray, " dof"]:
