@@ -1,4 +1,4 @@
-"""The block-push task; importing this registers `BlockPush-v0`, which takes an arm, and a name of each of four arms."""
+"""The tasks; importing this registers `BlockPush-v0` and `PressButtons-v0`, which take an arm, and short names."""
 
 import logging
 
@@ -24,10 +24,33 @@ ENVIRONMENTS = {
 }
 """Short names of it on four arms."""
 
+PRESS_BUTTONS = "PressButtons-v0"
+"""Gymnasium's name of pressing buttons on any arm (`envs.press_buttons.make.make`)."""
+
+PRESS_BUTTONS_ENVIRONMENTS = {
+    "xarm6": "PressButtons-xArm6-v0",
+    "xarm7": "PressButtons-xArm7-v0",
+    "ur3": "PressButtons-UR3-v0",
+    "ur5": "PressButtons-UR5-v0",
+    "ur5e": "PressButtons-UR5e-v0",
+    "ur10": "PressButtons-UR10-v0",
+    "panda": "PressButtons-Panda-v0",
+    "gen3": "PressButtons-Gen3-v0",
+}
+"""Short names of it on eight arms."""
+
 for _robot, _id in [("xarm6", BLOCK_PUSH), *ENVIRONMENTS.items()]:
     gymnasium.register(
         _id,
         entry_point="envs.block_push.make:make",
         max_episode_steps=MAX_EPISODE_STEPS,
+        kwargs={"robot": _robot},
+    )
+
+for _robot, _id in [("xarm6", PRESS_BUTTONS), *PRESS_BUTTONS_ENVIRONMENTS.items()]:
+    gymnasium.register(
+        _id,
+        entry_point="envs.press_buttons.make:make",
+        max_episode_steps=130,  # envs.press_buttons.workspace.MAX_EPISODE_STEPS, without loading it
         kwargs={"robot": _robot},
     )

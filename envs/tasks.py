@@ -3,9 +3,10 @@
 import importlib
 
 from envs.block_push.task import BLOCK_PUSH
+from envs.press_buttons.task import PRESS_BUTTONS
 from envs.task import Task
 
-TASKS: tuple[Task, ...] = (BLOCK_PUSH,)
+TASKS: tuple[Task, ...] = (BLOCK_PUSH, PRESS_BUTTONS)
 
 
 def task_named(name: str) -> Task:

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.system
 def make(robot, tight=True, **arm):
     with pytest.MonkeyPatch.context() as patch:
         if not tight:
-            patch.setattr("envs.block_push.simulation.tighten_bounds", lambda model: None)
+            patch.setattr("envs.arm.simulation.tighten_bounds", lambda model: None)
         return gymnasium.make(ENVIRONMENTS[robot], disable_env_checker=True, **arm)
 
 

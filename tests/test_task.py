@@ -24,7 +24,7 @@ def test_a_task_is_found_by_its_name_and_travels_to_other_processes(task):
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("juggling", "There is no task 'juggling'. Tasks: block_push, or one of your own as module:NAME"),
+        ("juggling", "There is no task 'juggling'. Tasks: block_push, press_buttons, or one of your own as"),
         ("nowhere:TASK", "Task 'nowhere:TASK': importing nowhere raised ModuleNotFoundError"),
         ("envs.tasks:TASKS", "Task 'envs.tasks:TASKS': envs.tasks has no TASKS that is an envs.task.Task"),
     ],

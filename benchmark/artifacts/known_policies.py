@@ -27,6 +27,11 @@ def chosen_checkpoint(config: RunConfig) -> Path:
     Raises:
         SettingError: If there is none, or it cannot be guided and should be.
     """
+    if not config.policy and config.task != RunConfig.task:
+        raise SettingError(
+            f"task={config.task}: no policy ships for this task. Name one of yours, policy=path/to/checkpoint, or play "
+            "a scripted oracle: method=plain_oracle or method=aware_oracle."
+        )
     if not config.policy:
         return checkpoint_folder(config.seed, config.checkpoint, config.recipe)
     checkpoint = Checkpoint.from_path(config.policy)

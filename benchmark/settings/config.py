@@ -295,7 +295,8 @@ class RunConfig:
     robot: RobotConfig = robot_field("ur3")
     """Arm that acts: one that ships (xarm6 is the source itself), or custom."""
     task: str = "block_push"
-    """What is to be done: block_push, or a task of your own as module:NAME (an `envs.task.Task`; its code is run)."""
+    """What is to be done: block_push, press_buttons, or a task of your own as module:NAME (an `envs.task.Task`; its
+    code is run)."""
     guidance_scale: float | None = field(default=0.0, metadata={"more": said_of_each("scale")})
     """Scale of the method, any number >= 0; 0 is direct transfer, null the one that benchmark.choose_scales
     chose for this method and task, on validation episodes of all conditions of a suite; of a class in a file, its
@@ -388,7 +389,8 @@ class OracleConfig:
     robot: RobotConfig = robot_field("ur3")
     """Arm: xarm6, ur3, ur5 or ur10."""
     task: str = "block_push"
-    """What is to be done: block_push, or a task of your own as module:NAME (an `envs.task.Task`; its code is run)."""
+    """What is to be done: block_push, press_buttons, or a task of your own as module:NAME (an `envs.task.Task`; its
+    code is run)."""
     setting: str = "embodied"
     """What the arm may do: original, embodied or best (see benchmark.run)."""
     oracle: str = "plain"

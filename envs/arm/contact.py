@@ -12,6 +12,8 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+ARM_BIT, SCENE_BIT = 2, 1
+"""Contact bits: everything meets the scene; whether links meet links is the arm setting's choice."""
 CONTACT_TIME = 0.1
 """An arm whose contact adds up to this, in [s], is stopped, as a controller's protective stop would stop it."""
 CONTACT_WINDOW = 1.0
@@ -37,11 +39,13 @@ class ContactSensors:
         arm: Name of the arm's first body.
         tool: Name of the tool's geom that collides, one of the arm's.
         fixtures: Names of the geoms of the table and of what is fixed to it.
+        bodies: Names of bodies that are fixtures with all that they carry.
     """
 
-    def __init__(self, arm: str, tool: str, fixtures: Sequence[str]) -> None:
+    def __init__(self, arm: str, tool: str, fixtures: Sequence[str], bodies: Sequence[str] = ()) -> None:
         whole, only_tool = {"subtree1": arm}, {"geom1": tool}
-        pairs = [whole | {"subtree2": arm}, *(part | {"geom2": f} for f in fixtures for part in (whole, only_tool))]
+        others = [*({"geom2": name} for name in fixtures), *({"subtree2": name} for name in bodies)]
+        pairs = [whole | {"subtree2": arm}, *(part | other for other in others for part in (whole, only_tool))]
         self._sensors = [{"name": f"contact{i}", "num": "1", "data": "found"} | pair for i, pair in enumerate(pairs)]
         self._counts = np.zeros(0)
 

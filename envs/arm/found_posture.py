@@ -6,7 +6,7 @@ shoulder ahead or behind. An arm of seven joints has a range of postures in each
 
 import hashlib
 import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +43,7 @@ def find_posture(arm: PlacedArm, poses: TaskPoses) -> PlacedArm:
     Raises:
         ValueError: If it cannot hold its tool upright over the task's start.
     """
-    inputs = arm.numbers() | {"poses": asdict(poses), "version": VERSION}
+    inputs = arm.numbers() | {"poses": poses.key(), "version": VERSION}
     key = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
     file = Path(platformdirs.user_cache_dir("richmap"), "postures", f"{arm.robot}-{key[:16]}.json")
     if not file.exists():

@@ -53,8 +53,9 @@ def cause_of_loss(record: dict[str, np.ndarray], lost: Int[np.ndarray, " n"]) ->
         return "table_collision" if record["table_contact"][lost].mean() > 0.5 else "arm_blocked"
     if at_limit(record)[lost].mean() > 0.5:
         return "joint_limit"
-    from_base = record["commanded"][lost] - record["base"][lost, :2]  # (t, 2)
-    missing = record["commanded"][lost] - record["flange"][lost, :2]
+    moved = record["commanded"].shape[1]  # 2 where a task keeps its height
+    from_base = record["commanded"][lost] - record["base"][lost, :moved]  # (t, moved)
+    missing = record["commanded"][lost] - record["flange"][lost, :moved]
     radius = np.linalg.norm(from_base, axis=-1)
     radial = np.sum(missing * from_base, axis=-1) / np.maximum(radius, 1e-9)
     share = np.median(radial / record["tracking_error"][lost])

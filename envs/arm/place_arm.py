@@ -44,7 +44,7 @@ def place_arm(
         base: Position of its base, in [m] in the world.
         yaw: Turn of its base, in [rad].
         branch: One that the arm's file states, or `found` for the best that is found at the task's start, which is
-            what arms have whose file states none.
+            what arms have whose file states none; None for the task's, or else the file's.
         posture: The one that was found before, in [rad], with the branch `found`; it is not sought again.
         self_collision: Whether its links collide with each other.
         orientation_weight: Of its inverse kinematics, in [m/rad].
@@ -61,7 +61,7 @@ def place_arm(
         raise ValueError(f"orientation_weight must be above 0 m/rad. Got {orientation_weight}")
     description, file = _description_and_file(robot)
     given = {
-        "base": base, "yaw": yaw, "branch": branch, "self_collision": self_collision,
+        "base": base, "yaw": yaw, "branch": branch or poses.branch, "self_collision": self_collision,
         "orientation_weight": orientation_weight,
     }  # fmt: skip
     usual = _usual(file, setting)

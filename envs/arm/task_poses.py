@@ -1,6 +1,7 @@
 """What a task asks of an arm."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -18,6 +19,13 @@ class TaskPoses:
     """The opposite corner."""
     spacing: float = 0.05
     """Between poses, in [m]."""
+    branch: str | None = None
+    """In which branch arms do the task unless they are told otherwise, such as `found`; None for what an arm's file
+    says, which is about block push."""
+
+    def key(self) -> dict[str, Any]:
+        """What a posture that is found depends on, as plain values."""
+        return {name: value for name, value in asdict(self).items() if name != "branch"}
 
     def points(self) -> Float[np.ndarray, "n 2"]:
         """The poses' xy, in [m] in the world."""

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from envs import MAX_EPISODE_STEPS
 from envs.arm.contact import ContactTime
+from envs.arm.control import CONTROL_FREQUENCY
 from envs.arm.inverse_kinematics import Posture
 from envs.arm.placed_arm import PlacedArm, start_posture
 from envs.arm.renderer import HEIGHT as PICTURE_HEIGHT
@@ -18,12 +19,13 @@ from envs.arm.renderer import WIDTH as PICTURE_WIDTH
 from envs.arm.renderer import Renderer, check_size
 from envs.block_push.scene import Scene, checked_scene, draw_scene
 from envs.block_push.success import both_placed, inside, rewards, score
-from envs.block_push.workspace import CONTROL_FREQUENCY, DESCRIPTION, HEIGHT, POSES, WORKSPACE
+from envs.block_push.workspace import DESCRIPTION, HEIGHT, POSES, WORKSPACE
 from richmap.task_spaces.block_push import AT, BLOCK_PUSH_SPACE, BLOCKS, START, TARGETS
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", SyntaxWarning)  # From robosuite's own text, when Python first compiles it.
-    from envs.block_push.simulation import TIMESTEP, BlockPushSimulation
+    from envs.arm.simulation import TIMESTEP
+    from envs.block_push.simulation import BlockPushSimulation
 
 MAX_STEP = 0.1
 """Largest step of the commanded effector along an axis, in [m] per control step."""

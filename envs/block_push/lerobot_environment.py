@@ -7,7 +7,7 @@ from lerobot.envs.configs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_IMAGE, OBS_STATE
 
 from envs import ENVIRONMENTS, MAX_EPISODE_STEPS
-from envs.block_push.workspace import CONTROL_FREQUENCY
+from envs.arm.control import CONTROL_FREQUENCY
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
 OBSERVED = {

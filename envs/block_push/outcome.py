@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from envs.arm.control import CONTROL_FREQUENCY
 from envs.arm.lost_command import arm_state, at_limit, in_contact
 from envs.block_push.failure import PATIENCE, failure_cause, recorded
-from envs.block_push.workspace import CONTROL_FREQUENCY, WORKSPACE
+from envs.block_push.workspace import WORKSPACE
 
 NEAR_BASE, OUTER_REACH = 0.235, 0.54
 """Distances from the base axis, in [m]: inside the first a UR's links meet, beyond the second a UR3

@@ -1,12 +1,10 @@
 """The table with its two blocks and two targets, as robosuite models."""
 
-import tempfile
 import xml.etree.ElementTree as ET
-from pathlib import Path
 
-from robosuite.models.arenas import Arena
 from robosuite.models.objects import BoxObject
 
+from envs.arm.arena import LIGHTS_AND_CAMERA, SKY_AND_TABLE, TextArena
 from envs.block_push.success import SUCCESS_RADIUS
 
 BLOCK_EDGE = 0.04
@@ -21,25 +19,14 @@ COLOURS = {
     "target": "0.20 0.65 0.35 1",
     "target2": "0.85 0.30 0.30 1",
 }
-ARM_BIT, SCENE_BIT = 2, 1
-"""Contact bits: everything meets the scene; whether links meet links is the arm setting's choice."""
 
 
-class Table(Arena):
+class Table(TextArena):
     """Table top at z = 0, the workspace marked on it, targets that can be moved (mocap bodies), lights, a
     camera."""
 
     def __init__(self) -> None:
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder, "table.xml")
-            file.write_text(_TABLE_XML)
-            super().__init__(str(file))
-
-    def _postprocess_arena(self) -> None:
-        """Drop the markers that robosuite adds for its viewer's mouse control."""
-        for body in self.worldbody.findall("body"):
-            if body.get("name").endswith("_eef_target"):
-                self.worldbody.remove(body)
+        super().__init__(_TABLE_XML)
 
 
 def make_block(name: str) -> BoxObject:
@@ -70,12 +57,7 @@ def _target_xml(name: str) -> str:
 
 _TABLE_XML = f"""
 <mujoco model="table">
-  <asset>
-    <texture type="skybox" builtin="gradient" rgb1="0.95 0.96 0.98" rgb2="0.72 0.77 0.84" width="256"
-             height="256"/>
-    <texture name="grid" type="2d" builtin="checker" rgb1="0.60 0.62 0.65" rgb2="0.57 0.59 0.62" width="256"
-             height="256" mark="edge" markrgb="0.66 0.68 0.71"/>
-    <material name="table" texture="grid" texrepeat="10 10" texuniform="true" specular="0.1"/>
+  <asset>{SKY_AND_TABLE}
     <material name="mat" rgba="0.30 0.33 0.38 1" specular="0.1" shininess="0.1"/>
   </asset>
   <worldbody>
@@ -83,10 +65,7 @@ _TABLE_XML = f"""
           solref="0.004 1"/>
     <geom name="workspace" type="box" pos="0.35 0 0.0001" size="0.2505 0.4995 0.0001" material="mat"
           contype="0" conaffinity="0" group="1"/>
-    {_target_xml("target")}{_target_xml("target2")}
-    <light name="key" pos="1.0 -0.8 1.9" dir="-0.45 0.45 -1.1" diffuse="0.7 0.7 0.7" specular="0.2 0.2 0.2"/>
-    <light name="fill" pos="0.3 1.4 1.7" dir="0 -0.9 -1" diffuse="0.4 0.4 0.42" castshadow="false"/>
-    <camera name="front" pos="1.22 -0.3 1.12" xyaxes="0.2827 0.9592 -0 -0.6781 0.1999 0.7073" fovy="42"/>
+    {_target_xml("target")}{_target_xml("target2")}{LIGHTS_AND_CAMERA}
   </worldbody>
 </mujoco>
 """

@@ -8,10 +8,11 @@ import numpy as np
 
 from envs import BLOCK_PUSH as BLOCK_PUSH_ID
 from envs import MAX_EPISODE_STEPS
+from envs.arm.control import CONTROL_FREQUENCY
 from envs.block_push.failure import CAUSES
 from envs.block_push.outcome import EpisodeOutcome, summarize
 from envs.block_push.scene import draw_scene
-from envs.block_push.workspace import CONTROL_FREQUENCY, DESCRIPTION, HEIGHT, POSES, WORKSPACE
+from envs.block_push.workspace import DESCRIPTION, HEIGHT, POSES, WORKSPACE
 from envs.task import Change, Controller, Score, Task, Trait
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 

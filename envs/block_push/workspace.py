@@ -5,8 +5,6 @@ import numpy as np
 from envs.arm.task_poses import TaskPoses
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE, START
 
-CONTROL_FREQUENCY = 10
-"""Control steps per second."""
 WORKSPACE = np.array([[0.15, -0.5], [0.7, 0.5]])
 """Box that the commanded effector is kept in, lower and upper xy in [m]."""
 HEIGHT = BLOCK_PUSH_SPACE.steps.position[2]

@@ -27,6 +27,9 @@ class FlangeSteps:
     """Where the flange is along the axes that no action moves, in [m]; along the others this is not looked at."""
     orientation: tuple[float, float, float, float]
     """Of the flange where no action turns it, (w, x, y, z)."""
+    ahead: float = 0.0
+    """How far ahead of the flange, along its z axis, the point is that is meant wherever this says flange, in [m]: the
+    tip of a tool that actions turn about it."""
 
     def __post_init__(self) -> None:
         for axis in self.axes:

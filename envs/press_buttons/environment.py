@@ -1,0 +1,336 @@
+"""Pressing buttons as a Gymnasium environment."""
+
+import warnings
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+from gymnasium import spaces
+from jaxtyping import Float, UInt8
+
+from envs.arm.contact import ContactTime
+from envs.arm.control import CONTROL_FREQUENCY
+from envs.arm.placed_arm import PlacedArm
+from envs.arm.renderer import HEIGHT as PICTURE_HEIGHT
+from envs.arm.renderer import WIDTH as PICTURE_WIDTH
+from envs.arm.renderer import Renderer, check_size
+from envs.press_buttons.motion import counts, follow, keep_near, move
+from envs.press_buttons.scene import Scene, checked_scene, draw_scene
+from envs.press_buttons.twin import ToolKinematics
+from envs.press_buttons.workspace import DESCRIPTION, MAX_EPISODE_STEPS, MAX_STEP, MAX_TURN, TRAVEL
+from richmap.motion.kinematics import forward
+from richmap.task_spaces.press_buttons import BUTTONS, PRESS_BUTTONS_SPACE, ROD
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", SyntaxWarning)  # From robosuite's own text, when Python first compiles it.
+    from envs.arm.simulation import TIMESTEP
+    from envs.press_buttons.simulation import PressButtonsSimulation
+
+HOLD = 1.0
+"""How long the command is held still after success before it is judged again, in [s]."""
+FIRST, SECOND = 0.49, 0.51
+"""Reward for the first button and for the second one; the shares of the score."""
+OBS_TYPES = ("state", "environment_state_agent_pos", "pixels", "pixels_agent_pos")
+"""What an observation may be."""
+LEROBOT_BEGINS = "lerobot_new_rollout"
+"""An option that `lerobot-eval` gives; it changes nothing here."""
+
+Observation = Float[np.ndarray, "44"] | UInt8[np.ndarray, "height width 3"] | dict[str, np.ndarray]
+
+
+class PressButtonsEnv(gymnasium.Env):
+    """Press any two of four buttons, with the tip of a rod held by an arm. Ten control steps per second.
+
+    Action, 6 numbers: step of the commanded tip in x, y and z, in [m], shortened to 0.03 m, and rotation vector of the
+    commanded approach direction, in [rad], in the world, shortened to 0.15 rad. The rod's roll about its own axis is
+    free: the arm takes what suits it. The command stays above z = .01 m. An arm to which commands come late
+    (`PlacedArm.delay`) does what it was told so long ago; infos are of that command.
+
+    A button is pressed once its cap is in by 12 mm while the measured tip is within 12 mm of its axis and the measured
+    rod within 0.25 rad of it, looked at at the end of every control step; it stays pressed, and its cap comes back.
+
+    A real arm is protected, so in the settings `embodied` and `best` the command stays within 8 cm and 0.4 rad of the
+    tool, and an arm whose links touch each other, the rod, the table or a button for 0.1 s within a second is stopped;
+    the rod may touch buttons and table. In `original` neither acts.
+
+    State, 44 numbers: measured tip in [m] and approach direction (0-5), commanded ones (6-11), and of each button its
+    place in [m], normal, whether it was pressed and whether it was pressed last (12-43). With
+    `obs_type="environment_state_agent_pos"` it is split into `agent_pos` (0-11) and `environment_state` (the rest).
+    `pixels` is a picture instead, (height, width, 3) uint8, and `pixels_agent_pos` a dict of both.
+
+    Reward: 0.49 for the first button, 0.51 for the second, which ends the episode. Inside that last step one more
+    second passes with the command held still, after which `info["success_at_end"]` tells whether the arm was not
+    stopped in it; the observation is from before that second.
+
+    A copy, or one that went through pickle, goes on as the original would, to the last bit.
+
+    Args:
+        arm: The arm, as it stands (`envs.press_buttons.make` makes it of a name).
+        obs_type: One of `OBS_TYPES`.
+        render_mode: None or `rgb_array`.
+        observation_width: Of the picture that is observed, in pixels.
+        observation_height: Likewise.
+        visualization_width: Of the picture that `render` gives, in pixels.
+        visualization_height: Likewise.
+
+    Raises:
+        ValueError: If one of these cannot be.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": CONTROL_FREQUENCY}
+    task = "press-two-buttons"
+    task_description = DESCRIPTION
+    _max_episode_steps = MAX_EPISODE_STEPS
+
+    def __init__(
+        self,
+        arm: PlacedArm,
+        obs_type: str = "state",
+        render_mode: str | None = None,
+        observation_width: int = 96,
+        observation_height: int = 96,
+        visualization_width: int = PICTURE_WIDTH,
+        visualization_height: int = PICTURE_HEIGHT,
+    ) -> None:
+        if obs_type not in OBS_TYPES:
+            raise ValueError(f"There is no obs_type {obs_type!r}. Types: {', '.join(OBS_TYPES)}")
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"There is no render_mode {render_mode!r}. Modes: None, rgb_array")
+        check_size("observation", observation_width, observation_height)
+        check_size("visualization", visualization_width, visualization_height)
+        self.arm = arm
+        self.obs_type, self.render_mode = obs_type, render_mode
+        self._seen, self._shown = (observation_width, observation_height), (visualization_width, visualization_height)
+        most = np.repeat([MAX_STEP, MAX_TURN], 3).astype(np.float32)
+        self.action_space = spaces.Box(-most, most, dtype=np.float32)
+        self.observation_space = _observation_space(obs_type, *self._seen)
+        self._lower, self._upper = arm.joint_range
+        self._delay = round(arm.delay * CONTROL_FREQUENCY)
+        self._contact = ContactTime(arm.protected, TIMESTEP)
+        self._build()
+
+    def _build(self) -> None:
+        """Make what is not copied: kinematics, simulation, and no renderer yet."""
+        self._tool = ToolKinematics(self.arm)
+        visual = self.render_mode is not None or self._observes_pixels
+        self._simulation: PressButtonsSimulation | None = PressButtonsSimulation(self.arm, self._tool.start, visual)
+        self._renderer: Renderer | None = None
+        self._rotation, self._work = np.zeros((3, 3)), np.empty((4 * len(self._tool.start) + 16, 6))
+
+    def __getstate__(self) -> dict[str, Any]:
+        built = ("_tool", "_simulation", "_renderer", "_rotation", "_work")
+        data = None if self._simulation is None else self._simulation.mj_data
+        return {name: value for name, value in self.__dict__.items() if name not in built} | {"_data": data}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        state = {**state}
+        data = state.pop("_data")
+        self.__dict__.update(state)
+        self._build()
+        if data is None:
+            self.close()
+        else:
+            model, own = self.physics
+            mujoco.mj_copyData(own, model, data)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode: the scene of this seed (`envs.press_buttons.scene.draw_scene`), or `options["scene"]`.
+
+        Raises:
+            ValueError: If there is another option, or the scene cannot be placed.
+        """
+        options = options or {}
+        if unknown := [*map(repr, options.keys() - {"scene", LEROBOT_BEGINS})]:
+            raise ValueError(f"There is no option {', '.join(unknown)}. Options: scene")
+        given = None if options.get("scene") is None else checked_scene(options["scene"])
+        super().reset(seed=seed)
+        if given is None:
+            given = draw_scene(int(self.np_random.integers(2**31)) if seed is None else seed)
+        self._scene: Scene = given
+        self._joints = self._tool.start.copy()
+        simulation = self._running
+        simulation.place(self._scene, self._joints)
+        self._command, self._direction = simulation.tip, simulation.approach
+        self._underway = [(self._command.copy(), self._direction.copy())] * self._delay
+        self._arrived, self._solved = self._flange(self._command, self._direction), simulation.flange_xyz
+        self._pressed, self._missed = np.zeros(BUTTONS, dtype=bool), np.zeros(BUTTONS, dtype=bool)
+        self._last = -1
+        self._contact.reset()
+        self._steps = 0
+        state, info = self._state(), self._info(0.0, 0.0)
+        return self._observe(state), info
+
+    def step(self, action: Float[np.ndarray, "6"]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Move the command, then let a tenth of a second pass."""
+        action = np.array(action, dtype=np.float64)
+        if action.shape != (6,) or not np.isfinite(action).all():
+            raise ValueError(f"An action is six finite numbers, three in metres and three in radians. Got {action}")
+        move(self._command, self._direction, action)
+        self._advance()
+        self._steps += 1
+        before = int(self._pressed.sum())
+        if not self._contact.stopped:
+            self._look()
+        now = int(self._pressed.sum())
+        earned = FIRST * (before == 0 < now), SECOND * (before < 2 <= now)
+        state, info = self._state(), self._info(*earned)
+        if info["p2"]:
+            info["success_at_end"] = self._stays_free()
+        return self._observe(state), sum(earned), info["p2"] or self._contact.stopped, False, info
+
+    def render(self) -> np.ndarray | None:
+        """A picture, (height, width, 3) uint8, if `render_mode` is `rgb_array`."""
+        return None if self.render_mode is None else self._draw(*self._shown)
+
+    def _draw(self, width: int, height: int) -> UInt8[np.ndarray, "height width 3"]:
+        simulation = self._running
+        if self._renderer is None:
+            wanted = [self._seen] * self._observes_pixels + [self._shown] * (self.render_mode is not None)
+            self._renderer = Renderer(simulation.mj_model, *map(max, zip(*wanted, strict=True)))
+        simulation.show(self._pressed)
+        return self._renderer.draw(simulation.mj_data, width, height)
+
+    def close(self) -> None:
+        """Give memory back, of graphics and of the simulation; there is nothing to reset after that."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+        if self._simulation is not None:
+            self._simulation.close()
+            self._simulation = None
+
+    @property
+    def physics(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        """MuJoCo's model and its present state."""
+        return self._running.mj_model, self._running.mj_data
+
+    @property
+    def _running(self) -> PressButtonsSimulation:
+        """The simulation.
+
+        Raises:
+            gymnasium.error.ClosedEnvironmentError: If the environment was closed.
+        """
+        if self._simulation is None:
+            raise gymnasium.error.ClosedEnvironmentError("The environment was closed. Make another one.")
+        return self._simulation
+
+    @property
+    def _observes_pixels(self) -> bool:
+        return self.obs_type.startswith("pixels")
+
+    def _advance(self) -> None:
+        simulation, tool = self._running, self._tool
+        self._leash()
+        self._underway.append((self._command.copy(), self._direction.copy()))
+        tip, direction = self._underway.pop(0)
+        self._arrived = self._flange(tip, direction)
+        follow(
+            tool.frames, tool.lower, tool.upper, tool.weight, self._joints, tip, direction, self._rotation, self._work
+        )
+        self._solved, turned = np.empty(3), np.empty((3, 3))
+        forward(tool.frames, self._joints, self._solved, turned)
+        self._solved -= ROD * turned[:, 2]
+        self._contact.begin_step()
+        simulation.step(self._joints, self._contact)
+        self._leash()
+
+    def _leash(self) -> None:
+        """Draw the command towards the tool as far as its leash wants."""
+        if self.arm.protected:
+            keep_near(self._command, self._direction, self._running.tip, self._running.approach)
+
+    @staticmethod
+    def _flange(tip: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+        return tip - ROD * direction
+
+    def _look(self) -> None:
+        """Which switches are closed now, and which caps are in without closing theirs."""
+        simulation = self._running
+        tip, pointing, travel = simulation.tip, simulation.approach, simulation.travel
+        for i in np.flatnonzero(travel >= TRAVEL):
+            if self._pressed[i]:
+                continue
+            if counts(travel[i], tip, pointing, self._scene.places[i], self._scene.normals[i]):
+                self._pressed[i], self._last = True, i
+            else:
+                self._missed[i] = True
+
+    def _stays_free(self) -> bool:
+        for _ in range(round(HOLD * CONTROL_FREQUENCY)):
+            self._advance()
+            if self._contact.stopped:
+                return False
+        return True
+
+    def _state(self) -> Float[np.ndarray, "44"]:
+        simulation, scene = self._running, self._scene
+        last = np.arange(BUTTONS) == self._last
+        buttons = np.column_stack([scene.places, scene.normals, self._pressed, last])
+        parts = [simulation.tip, simulation.approach, self._command, self._direction, buttons.ravel()]
+        return np.concatenate(parts).astype(np.float32)
+
+    def _observe(self, state: Float[np.ndarray, "44"]) -> Observation:
+        if self.obs_type == "state":
+            return state
+        if self.obs_type == "pixels":
+            return self._draw(*self._seen)
+        agent, environment = PRESS_BUTTONS_SPACE.split(state)
+        if self.obs_type == "pixels_agent_pos":
+            return {"pixels": self._draw(*self._seen), "agent_pos": agent}
+        return {"agent_pos": agent, "environment_state": environment}
+
+    def _info(self, first: float, second: float) -> dict[str, Any]:
+        simulation = self._running
+        flange, joints = simulation.flange_xyz, simulation.joint_angles
+        pressed = int(self._pressed.sum())
+        p1, p2 = pressed >= 1, pressed >= 2 and not self._contact.stopped
+        return {
+            "is_success": p2,
+            "p1": p1,
+            "p2": p2,
+            "success_at_end": False,
+            "score": round(FIRST * p1 + SECOND * p2, 2),
+            "reward_first": first,
+            "reward_second": second,
+            "step": self._steps,
+            "pair": self._scene.pair,
+            "places": self._scene.places.copy(),
+            "normals": self._scene.normals.copy(),
+            "commanded": self._arrived.copy(),
+            "flange": flange,
+            "tip": simulation.tip,
+            "approach": simulation.approach,
+            "base": np.array(self.arm.base),
+            "tracking_error": float(np.linalg.norm(flange - self._arrived)),
+            "ik_residual": float(np.linalg.norm(self._solved - self._arrived)),
+            "joint_limits": self.arm.joint_limits,
+            "joint_limit_margin": float(np.minimum(joints - self._lower, self._upper - joints).min()),
+            "self_contact": self._contact.touched.itself,
+            "table_contact": self._contact.touched.table,
+            "stopped": self._contact.stopped,
+            "pressed": self._pressed.copy(),
+            "missed": self._missed.copy(),
+            "travel": simulation.travel,
+        }
+
+
+def _observation_space(obs_type: str, width_seen: int, height_seen: int) -> spaces.Space:
+    """Places within 10 m, which nothing leaves; directions from -1 to 1, flags 0 or 1; a picture's size in pixels."""
+    layout = PRESS_BUTTONS_SPACE.observation
+    metres = np.array(layout.units) == "m"
+    flags = np.array([name.endswith(("_pressed", "_last")) for name in layout.names])
+    high = np.where(metres, 10, 1 + 1e-6 * ~flags).astype(np.float32)
+    low = np.where(flags, 0, -high).astype(np.float32)
+    if obs_type == "state":
+        return spaces.Box(low, high)
+    pixels = spaces.Box(0, 255, (height_seen, width_seen, 3), np.uint8)
+    if obs_type == "pixels":
+        return pixels
+    agent, environment = map(spaces.Box, PRESS_BUTTONS_SPACE.split(low), PRESS_BUTTONS_SPACE.split(high))
+    if obs_type == "pixels_agent_pos":
+        return spaces.Dict(pixels=pixels, agent_pos=agent)
+    return spaces.Dict(agent_pos=agent, environment_state=environment)

@@ -1,0 +1,27 @@
+"""The door of pressing buttons: an environment of an arm's name, or of an arm that stands somewhere already."""
+
+from typing import Any
+
+from envs.arm.place_arm import place_arm
+from envs.arm.placed_arm import PlacedArm
+from envs.press_buttons.environment import PressButtonsEnv
+from envs.press_buttons.workspace import POSES
+
+
+def make(robot: str = "xarm6", arm: PlacedArm | None = None, **given: Any) -> PressButtonsEnv:
+    """Pressing buttons on an arm.
+
+    Args:
+        robot: Name of an arm that ships.
+        arm: The arm itself instead.
+        given: What `PressButtonsEnv` takes, and `setting`, `base`, `yaw`, `branch`, `self_collision`,
+            `orientation_weight`, `narrowed`, `delay`, as `envs.arm.place_arm.place_arm` has them.
+    """
+    seen = ("obs_type", "render_mode") + tuple(
+        f"{kind}_{side}" for kind in ("observation", "visualization") for side in ("width", "height")
+    )
+    shown = {name: given.pop(name) for name in seen if name in given}
+    return PressButtonsEnv(place_arm(robot, POSES, **given) if arm is None else arm, **shown)
+
+
+make.metadata = PressButtonsEnv.metadata  # type: ignore[attr-defined]  # By it Gymnasium opens a window for "human".

@@ -1,0 +1,94 @@
+"""Pressing buttons: the tip of a rod presses any two of four buttons that face in all directions."""
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from envs import PRESS_BUTTONS as PRESS_BUTTONS_ID
+from envs.arm.control import CONTROL_FREQUENCY
+from envs.press_buttons.failure import CAUSES
+from envs.press_buttons.outcome import PressOutcome, summarize
+from envs.press_buttons.workspace import DESCRIPTION, MAX_EPISODE_STEPS, POSES
+from envs.task import Controller, Score, Task, Trait
+from richmap.task_spaces.press_buttons import PRESS_BUTTONS_SPACE
+
+
+def make(arm: Any, render_mode: str | None = None, picture: tuple[int, int] | None = None) -> gymnasium.Env:
+    """The environment on an arm (`envs.arm.placed_arm.PlacedArm`), with a picture of this width and height, in pixels,
+    in place of the state of the buttons."""
+    seen: dict[str, Any] = {"obs_type": "environment_state_agent_pos"}
+    if picture is not None:
+        width, height = picture
+        seen = {"obs_type": "pixels_agent_pos", "observation_width": width, "observation_height": height}
+    return gymnasium.make(PRESS_BUTTONS_ID, arm=arm, render_mode=render_mode, **seen)
+
+
+def draw_scene(seed: int) -> Any:
+    """`envs.press_buttons.scene.draw_scene`, whose kinematics take a while to load."""
+    from envs.press_buttons import scene
+
+    return scene.draw_scene(seed)
+
+
+def plain_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
+    """The expert that presses the scene's pair."""
+    from envs.press_buttons.oracle import Oracle
+
+    return lambda info: _acting_on_dict(Oracle(info["pair"]))
+
+
+def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
+    """The expert that presses a pair that its arm can press."""
+    from envs.press_buttons.oracle import Oracle, aware_pair
+
+    choose = aware_pair(arm)
+    return lambda info: _acting_on_dict(Oracle(choose(info)))
+
+
+def _acting_on_dict(oracle: Callable[[np.ndarray], np.ndarray]) -> Controller:
+    """Puts the whole observation together again."""
+
+    def act(observation: dict[str, np.ndarray]) -> np.ndarray:
+        return oracle(PRESS_BUTTONS_SPACE.join(observation["agent_pos"], observation["environment_state"]))
+
+    return act
+
+
+def pressed_wrongly(episodes: Any) -> Any:
+    """1 where a cap was pushed in and its button not pressed in the end."""
+    return (episodes.wrong_presses > 0).astype(float)
+
+
+TRAITS_TEXT = """*Order changed*: of the episodes in which a button was pressed, those in which another was first, or
+another second. *Wrong presses*: episodes in which a cap was pushed in at a wrong angle or beside its axis and the
+button not pressed."""
+
+PRESS_BUTTONS = Task(
+    space=PRESS_BUTTONS_SPACE,
+    description=DESCRIPTION,
+    make=make,
+    max_episode_steps=MAX_EPISODE_STEPS,
+    control_frequency=CONTROL_FREQUENCY,
+    poses=POSES,
+    draw_scene=draw_scene,
+    outcome=PressOutcome,
+    summarize=summarize,
+    success="p2",
+    scores=(
+        Score("score", "0.49 for some button pressed and 1 for two"),
+        Score("p1", "some button pressed"),
+        Score("p2", "two different buttons pressed"),
+        Score("success_at_end", "and the arm not stopped in the second after"),
+    ),
+    ranking=("p2", "success_at_end", "p1", "score"),
+    causes=CAUSES,
+    history=(),
+    plain_oracle=plain_oracle,
+    aware_oracle=aware_oracle,
+    shows_pictures=True,
+    plan=("first_button", "second_button"),
+    traits=(Trait("pressed_wrongly", "wrong presses", pressed_wrongly),),
+    traits_text=TRAITS_TEXT,
+)

@@ -1,0 +1,153 @@
+"""An arm without dynamics: which buttons it can press one after the other, and what it would touch on the way."""
+
+from functools import cached_property
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from envs.arm.collision_bounds import tighten_bounds
+from envs.arm.contact import ARM_BIT, SCENE_BIT
+from envs.arm.placed_arm import PlacedArm, start_posture
+from envs.press_buttons.motion import play
+from envs.press_buttons.workspace import (
+    CAP_HEIGHT,
+    CAP_RADIUS,
+    HOUSING_HEIGHT,
+    HOUSING_RADIUS,
+    MAX_EPISODE_STEPS,
+    POSES,
+    turn_to,
+)
+from richmap.motion.kinematics import joint_frames
+from richmap.physics.mujoco_model import arm_spec
+from richmap.task_spaces.press_buttons import BUTTONS, ROD
+
+ROD_RADIUS = 0.005
+"""Of the rod, in [m]."""
+
+
+class ToolKinematics:
+    """An arm's kinematics with the tip of the rod as its end, in the world.
+
+    Attributes:
+        frames: From each joint to the next, as `richmap.motion.kinematics.joint_frames` has them, the first one from
+            the world and the last one to the tip.
+        lower, upper: Joint angles that may be used, in [rad].
+        weight: Of direction against position, in [m/rad].
+        start: Joint angles at the task's start, in [rad].
+
+    Raises:
+        ValueError: If the arm has another tool, or cannot be at the start.
+    """
+
+    def __init__(self, arm: PlacedArm) -> None:
+        if arm.kinematic_base != arm.base:
+            raise ValueError(
+                f"Buttons are pressed with a rod of {ROD} m. arm.tool_length={arm.tool_length} m is another tool's; "
+                "leave it out."
+            )
+        c, s = np.cos(arm.yaw), np.sin(arm.yaw)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        self.frames = joint_frames(arm.description).copy()
+        self.frames[0] = turn @ self.frames[0]
+        self.frames[0, :, 3] += arm.base
+        self.frames[-1, :, 3] += ROD * self.frames[-1, :, 2]
+        self.lower, self.upper = arm.limits()
+        self.weight = arm.orientation_weight
+        self.start = start_posture(arm, arm.kinematics(), POSES.start)
+
+
+class KinematicTwin:
+    """Episodes of the scripted expert on an arm that is always where its inverse kinematics says.
+
+    Args:
+        arm: The arm, as it stands.
+    """
+
+    def __init__(self, arm: PlacedArm) -> None:
+        self._arm, self._tool = arm, ToolKinematics(arm)
+
+    def path(
+        self,
+        places: Float[np.ndarray, "4 3"],
+        normals: Float[np.ndarray, "4 3"],
+        first: int,
+        second: int,
+        steps: int = MAX_EPISODE_STEPS,
+    ) -> Float[np.ndarray, "n dof"] | None:
+        """Joint angles, in [rad], at the start and after each step of pressing a button and then another; None if the
+        arm cannot in so many steps."""
+        tool, joints = self._tool, np.empty((steps + 1, len(self._tool.start)))
+        made, pressed = play(
+            tool.frames, tool.lower, tool.upper, tool.weight, tool.start, places, normals, first, second, joints
+        )
+        return joints[: made + 1] if pressed else None
+
+    def touches(
+        self,
+        places: Float[np.ndarray, "4 3"],
+        normals: Float[np.ndarray, "4 3"],
+        joints: Float[np.ndarray, "n dof"],
+        pressed: tuple[int, int],
+    ) -> bool:
+        """Whether in one of these configurations a link touches another, the table or a button, or the rod a button
+        that is not to be pressed; links only where self-collision binds."""
+        model, data = self._model
+        data.mocap_pos[:], data.mocap_quat[:] = places, [turn_to(normal) for normal in normals]
+        for q in joints:
+            data.qpos[:] = q
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_collision(model, data)
+            if data.ncon and any(self._is_wrong(pair, pressed) for pair in data.contact.geom.tolist()):
+                return True
+        return False
+
+    def can_press(
+        self, places: Float[np.ndarray, "4 3"], normals: Float[np.ndarray, "4 3"], pair: tuple[int, int]
+    ) -> bool:
+        """Whether the arm presses this pair in this order without touching anything else."""
+        joints = self.path(places, normals, *pair)
+        return joints is not None and not self.touches(places, normals, joints, pair)
+
+    def _is_wrong(self, touching: list[int], pressed: tuple[int, int]) -> bool:
+        """Whether two geoms are not to touch each other while these buttons are pressed."""
+        rod, floor, buttons = self._geoms
+        if rod not in touching:
+            return True
+        (other,) = {*touching} - {rod}
+        return other != floor and buttons.get(other) not in pressed
+
+    @cached_property
+    def _geoms(self) -> tuple[int, int, dict[int, int]]:
+        """Those of the rod and the table, and of which button others are."""
+        model = self._model[0]
+        parts = {model.geom(f"button{i}_{part}").id: i for i in range(BUTTONS) for part in ("cap", "housing")}
+        return model.geom("rod").id, model.geom("floor").id, parts
+
+    @cached_property
+    def _model(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        """The arm's convex parts, the rod, the table and four buttons that can be moved."""
+        robot, cylinder = self._arm.description, mujoco.mjtGeom.mjGEOM_CYLINDER
+        spec = arm_spec(robot)
+        links = SCENE_BIT | ARM_BIT if self._arm.self_collision else SCENE_BIT
+        rod = {"type": cylinder, "fromto": [0, 0, 0, 0, 0, ROD], "size": [ROD_RADIUS, 0, 0]}
+        spec.body(robot.end_effector).add_geom(name="rod", **rod)
+        for geom in spec.geoms:
+            geom.contype, geom.conaffinity = ARM_BIT, links
+        base = spec.body(robot.base)
+        base.pos, base.quat = self._arm.base, [np.cos(self._arm.yaw / 2), 0, 0, np.sin(self._arm.yaw / 2)]
+        around = {"contype": 0, "conaffinity": ARM_BIT}
+        spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[3, 3, 0.1], **around)
+        for i in range(BUTTONS):
+            body = spec.worldbody.add_body(name=f"button{i}", mocap=True)
+            cap = {"pos": [0, 0, -CAP_HEIGHT / 2], "size": [CAP_RADIUS, CAP_HEIGHT / 2, 0]}
+            housing = {
+                "pos": [0, 0, -CAP_HEIGHT - HOUSING_HEIGHT / 2],
+                "size": [HOUSING_RADIUS, HOUSING_HEIGHT / 2, 0],
+            }
+            body.add_geom(name=f"button{i}_cap", type=cylinder, **cap, **around)
+            body.add_geom(name=f"button{i}_housing", type=cylinder, **housing, **around)
+        model = spec.compile()
+        tighten_bounds(model)
+        return model, mujoco.MjData(model)
