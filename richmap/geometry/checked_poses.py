@@ -50,15 +50,15 @@ def finite_poses(
 
 def _as_floats(values: ArrayLike) -> np.ndarray:
     values = np.asarray(values)
-    return values if values.dtype in (np.float32, np.float64) else values.astype(np.float64)
+    return np.ascontiguousarray(values if values.dtype in (np.float32, np.float64) else values.astype(np.float64))
 
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
 def _first_without_length_1(directions):
-    bad = 0
+    bad, flat = 0, directions.reshape(-1)  # Of a flat array vector instructions read several at once.
     for i in range(len(directions)):
-        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+        x, y, z = flat[3 * i], flat[3 * i + 1], flat[3 * i + 2]
         bad += not abs(x * x + y * y + z * z - 1) < TOLERANCE
     if bad:
         for i in range(len(directions)):
