@@ -7,7 +7,7 @@ from robosuite.models.arenas import Arena
 
 
 class TextArena(Arena):
-    """Floor, lights, a camera and what else an MJCF text holds; its floor is a geom `floor`."""
+    """Floor, lights, a camera `front` and what else an MJCF text holds; its floor is a geom `floor`."""
 
     def __init__(self, text: str) -> None:
         with tempfile.TemporaryDirectory() as folder:
@@ -29,8 +29,7 @@ SKY_AND_TABLE = """
              height="256" mark="edge" markrgb="0.66 0.68 0.71"/>
     <material name="table" texture="grid" texrepeat="10 10" texuniform="true" specular="0.1"/>"""
 """Assets that every arena has."""
-LIGHTS_AND_CAMERA = """
+LIGHTS = """
     <light name="key" pos="1.0 -0.8 1.9" dir="-0.45 0.45 -1.1" diffuse="0.7 0.7 0.7" specular="0.2 0.2 0.2"/>
-    <light name="fill" pos="0.3 1.4 1.7" dir="0 -0.9 -1" diffuse="0.4 0.4 0.42" castshadow="false"/>
-    <camera name="front" pos="1.22 -0.3 1.12" xyaxes="0.2827 0.9592 -0 -0.6781 0.1999 0.7073" fovy="42"/>"""
-"""Likewise what lights and shows it."""
+    <light name="fill" pos="0.3 1.4 1.7" dir="0 -0.9 -1" diffuse="0.4 0.4 0.42" castshadow="false"/>"""
+"""Likewise what lights it."""

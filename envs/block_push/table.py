@@ -4,7 +4,7 @@ import xml.etree.ElementTree as ET
 
 from robosuite.models.objects import BoxObject
 
-from envs.arm.arena import LIGHTS_AND_CAMERA, SKY_AND_TABLE, TextArena
+from envs.arm.arena import LIGHTS, SKY_AND_TABLE, TextArena
 from envs.block_push.success import SUCCESS_RADIUS
 
 BLOCK_EDGE = 0.04
@@ -65,7 +65,8 @@ _TABLE_XML = f"""
           solref="0.004 1"/>
     <geom name="workspace" type="box" pos="0.35 0 0.0001" size="0.2505 0.4995 0.0001" material="mat"
           contype="0" conaffinity="0" group="1"/>
-    {_target_xml("target")}{_target_xml("target2")}{LIGHTS_AND_CAMERA}
+    {_target_xml("target")}{_target_xml("target2")}{LIGHTS}
+    <camera name="front" pos="1.22 -0.3 1.12" xyaxes="0.2827 0.9592 -0 -0.6781 0.1999 0.7073" fovy="42"/>
   </worldbody>
 </mujoco>
 """

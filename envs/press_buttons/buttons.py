@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from envs.arm.arena import LIGHTS_AND_CAMERA, SKY_AND_TABLE, TextArena
+from envs.arm.arena import LIGHTS, SKY_AND_TABLE, TextArena
 from envs.arm.contact import ARM_BIT
 from envs.press_buttons.workspace import CAP_HEIGHT, CAP_RADIUS, DEEPEST, HOUSING_HEIGHT, HOUSING_RADIUS
 from richmap.task_spaces.press_buttons import BUTTONS
@@ -51,7 +51,8 @@ _XML = f"""
   <worldbody>
     <geom name="floor" type="plane" size="3 3 0.1" material="table" group="1" friction="1 0.005 0.0001"
           solref="0.004 1"/>
-    {"".join(map(_button_xml, NAMES))}{LIGHTS_AND_CAMERA}
+    {"".join(map(_button_xml, NAMES))}{LIGHTS}
+    <camera name="front" pos="1.55 -0.6 0.95" xyaxes="0.4191 0.9080 -0.0000 -0.3608 0.1665 0.9177" fovy="40"/>
   </worldbody>
 </mujoco>
 """
