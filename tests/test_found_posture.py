@@ -13,7 +13,8 @@ from envs.arm.found_posture import (
     followed_share,
     nearest_to_middle,
 )
-from envs.arm.placed_arm import FOUND, start_posture
+from envs.arm.placed_arm import start_posture
+from envs.arm.task_poses import FOUND
 from envs.block_push.arm import block_push_arm
 from envs.block_push.workspace import POSES
 from richmap.robots.robots import robot_file

@@ -9,7 +9,8 @@ import pytest
 
 from envs import BLOCK_PUSH
 from envs.arm.feasibility import Feasibility, table_feasibility
-from envs.arm.placed_arm import FOUND, start_posture
+from envs.arm.placed_arm import start_posture
+from envs.arm.task_poses import FOUND
 from envs.block_push.arm import block_push_arm
 from envs.block_push.scene import draw_scene
 from envs.block_push.workspace import HEIGHT, POSES, WORKSPACE

@@ -86,7 +86,7 @@ def arm_of(row: Mapping[str, Any], task: "Task") -> "PlacedArm":
 
 def choices_of(row: Mapping[str, Any]) -> dict[str, Any]:
     """What a row's arm is placed by, as `envs.arm.place_arm.place_arm` and `ArmConfig` have it."""
-    from envs.arm.placed_arm import FOUND
+    from envs.arm.task_poses import FOUND
 
     branch, since = branch_of(row), {name: row.get(name, usual) for name, usual in SINCE.items()}
     return {
@@ -115,7 +115,7 @@ def base_text(row: Mapping[str, Any]) -> str:
 
 def branch_of(row: Mapping[str, Any]) -> str:
     """What the file of a row's arm calls the branch that this posture names; `found` where it states none."""
-    from envs.arm.placed_arm import FOUND
+    from envs.arm.task_poses import FOUND
     from richmap.robots import ROBOTS
     from richmap.robots.robots import robot_file
 

@@ -109,7 +109,8 @@ def share_from(robot: "RobotDescription", base: tuple[float, float, float]) -> t
     0 where it cannot hold its tool upright over the start; its posture is then in the middle of its limits.
     """
     from envs.arm.found_posture import best_posture, followed_share
-    from envs.arm.placed_arm import FOUND, PlacedArm
+    from envs.arm.placed_arm import PlacedArm
+    from envs.arm.task_poses import FOUND
 
     # Limits and self-collision bind; its convex parts are not asked for, as they would be by `place_arm`.
     arm = PlacedArm(robot, "embodied", base, 0.0, (), FOUND, (), self_collision=True, joint_limits=True)

@@ -11,7 +11,8 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import distance_transform_edt
 
 from envs.arm.inverse_kinematics import InverseKinematics
-from envs.arm.placed_arm import FOUND, PlacedArm
+from envs.arm.placed_arm import PlacedArm
+from envs.arm.task_poses import FOUND
 from richmap.motion.collision import self_collision
 from richmap.motion.kinematics import joint_frames
 

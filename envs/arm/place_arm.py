@@ -7,8 +7,8 @@ from itertools import batched
 from typing import Any
 
 from envs.arm.found_posture import DECIMALS, find_posture
-from envs.arm.placed_arm import FOUND, ORIENTATION_WEIGHT, TOOL_LENGTH, PlacedArm
-from envs.arm.task_poses import TaskPoses
+from envs.arm.placed_arm import ORIENTATION_WEIGHT, TOOL_LENGTH, PlacedArm
+from envs.arm.task_poses import FOUND, TaskPoses
 from richmap.robots import ROBOTS
 from richmap.robots.robot import RobotDescription
 from richmap.robots.robot_file import Branch, RobotFile, Stand

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from envs.arm.inverse_kinematics import InverseKinematics
+from envs.arm.task_poses import FOUND
 from richmap.motion.sampling import way_about_z
 from richmap.physics.convex_parts import parts_fingerprint
 from richmap.robots.robot import RobotDescription
@@ -23,9 +24,6 @@ weight does the same.
 
 TOOL_LENGTH = 0.04
 """Of the usual tool, from the flange down, in [m]: whatever names a pose of the flange means one that carries it."""
-
-FOUND = "found"
-"""What a branch is called that no file states."""
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+FOUND = "found"
+"""What a branch is called that no file states."""
+
 
 @dataclass(frozen=True)
 class TaskPoses:

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from envs.arm.placed_arm import FOUND
-from envs.arm.task_poses import TaskPoses
+from envs.arm.task_poses import FOUND, TaskPoses
 from richmap.task_spaces.press_buttons import ROD
 
 DESCRIPTION = "Press any two of the four buttons."

@@ -45,14 +45,14 @@ class StoredCells(ABC):
     def _spline(self) -> CubicSpline:
         return CubicSpline.through(self.grid.axes(), self.values)
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Write the field as one safetensors file, atomically."""
         numbers = {each.name: np.array([getattr(self, each.name)]) for each in fields(self)[len(fields(StoredCells)) :]}
         about = {"grid": json.dumps(asdict(self.grid)), **self.about}
-        save_arrays(path, self.KIND, self.VERSION, {"values": self.values, **numbers}, about)
+        save_arrays(Path(path), self.KIND, self.VERSION, {"values": self.values, **numbers}, about)
 
     @classmethod
-    def load[Kind: "StoredCells"](cls: type[Kind], path: Path) -> Kind:
+    def load[Kind: "StoredCells"](cls: type[Kind], path: Path | str) -> Kind:
         """Read a field of this kind.
 
         Raises:
