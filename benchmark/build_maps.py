@@ -10,7 +10,9 @@ from rich.console import Console
 
 from benchmark.artifacts.maps import energy_field, robot_map
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import EnergyConfig, MapConfig, RobotConfig, check_file, robot_field
+from benchmark.settings.map_config import EnergyConfig, MapConfig
+from benchmark.settings.paths import check_file
+from benchmark.settings.robot_config import RobotConfig, robot_field
 
 
 @dataclass

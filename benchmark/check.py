@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import MapConfig, RobotConfig, check_folder, robot_field
+from benchmark.settings.map_config import MapConfig
+from benchmark.settings.paths import check_folder
+from benchmark.settings.robot_config import RobotConfig, robot_field
 from benchmark.settings.task import chosen_task
 from richmap.robots import ROBOTS
 

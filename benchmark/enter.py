@@ -17,7 +17,9 @@ from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.sent_rows import nearest, otherwise, refusals
 from benchmark.scoring.ranking import Protocol, protocols_of
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import PAPER_ARMS, EnergyConfig, LimitsConfig, MapConfig, RobotConfig, RunConfig
+from benchmark.settings.config import LimitsConfig, RunConfig
+from benchmark.settings.map_config import EnergyConfig, MapConfig
+from benchmark.settings.robot_config import PAPER_ARMS, RobotConfig
 from benchmark.settings.scenes import FIRST_TEST_SEED
 from benchmark.settings.task import chosen_task
 from richmap.outputs import replacing

@@ -8,7 +8,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import RobotConfig, check_file, robot_field
+from benchmark.settings.paths import check_file
+from benchmark.settings.robot_config import RobotConfig, robot_field
 
 
 @dataclass

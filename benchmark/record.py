@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 from benchmark.rollouts.video import record, write_film
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import ORACLE_METHODS, SOURCE, RunConfig
+from benchmark.settings.config import ORACLE_METHODS, RunConfig
 from benchmark.settings.replay_config import ReplayConfig
+from benchmark.settings.robot_config import SOURCE
 from benchmark.sweeps.chosen_players import rollouts_of
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import check_folder
+from benchmark.settings.paths import check_folder
 from benchmark.settings.suite import suite_conditions
 from benchmark.settings.task import chosen_task
 

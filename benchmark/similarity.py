@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import MapConfig, RobotConfig, check_file, robot_field
+from benchmark.settings.map_config import MapConfig
+from benchmark.settings.paths import check_file
+from benchmark.settings.robot_config import RobotConfig, robot_field
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import RobotConfig, RunConfig, WandbConfig, check_folder
+from benchmark.settings.config import RunConfig, WandbConfig
+from benchmark.settings.paths import check_folder
 from benchmark.settings.recipe import USUAL, check_recipe, policy_name
+from benchmark.settings.robot_config import RobotConfig
 from benchmark.settings.scenes import check_scenes
 from benchmark.training.recipes import MADE_BY
 from benchmark.training.trainer import TrainConfig

@@ -16,7 +16,8 @@ from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.artifacts.wandb_run import log_checkpoint, start_experiment, unharmed
 from benchmark.episodes.episode import Condition
 from benchmark.rollouts.rollout import Rollout
-from benchmark.settings.config import RobotConfig, RunConfig, WandbConfig
+from benchmark.settings.config import RunConfig, WandbConfig
+from benchmark.settings.robot_config import RobotConfig
 from benchmark.sweeps.experiment_log import log_curves, log_evaluation, log_field
 from envs.block_push.arm import block_push_arm
 from envs.block_push.task import BLOCK_PUSH

@@ -10,7 +10,8 @@ from rich.console import Console
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.guidance_class import GuidanceClass
-from benchmark.settings.config import RobotConfig, RunConfig
+from benchmark.settings.config import RunConfig
+from benchmark.settings.robot_config import RobotConfig
 from envs.block_push.pushing import push
 from richmap.similarity.signed_distance import SignedDistanceField
 

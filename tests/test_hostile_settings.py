@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from benchmark.settings import command
-from benchmark.settings.config import MapConfig, check_file
+from benchmark.settings.map_config import MapConfig
+from benchmark.settings.paths import check_file
 from benchmark.settings.setting import SettingError
 from richmap.outputs import replacing
 

@@ -22,8 +22,9 @@ from benchmark.scoring.leaderboard_text import beside_the_paper
 from benchmark.scoring.ranking import adjusted, counted, protocols_of
 from benchmark.scoring.statistics import holm, paired_p_value
 from benchmark.settings.command import CONF, SettingError
-from benchmark.settings.config import PAPER_ARMS, RunConfig
+from benchmark.settings.config import RunConfig
 from benchmark.settings.recipe import RECIPES, USUAL, recipe_folder
+from benchmark.settings.robot_config import PAPER_ARMS
 from envs.block_push.arm import block_push_arm
 from envs.block_push.task import BLOCK_PUSH
 

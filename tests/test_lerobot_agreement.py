@@ -12,7 +12,8 @@ from rich.console import Console
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.episodes.table import store_episodes
 from benchmark.rollouts.make_rollout import make_rollout
-from benchmark.settings.config import RobotConfig, RunConfig
+from benchmark.settings.config import RunConfig
+from benchmark.settings.robot_config import RobotConfig
 from benchmark.studies.lerobot_agreement import compare, lerobot_eval
 from envs import ENVIRONMENTS
 from envs.block_push.lerobot_environment import GuidedPushEnvConfig

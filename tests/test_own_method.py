@@ -8,7 +8,8 @@ import pytest
 from benchmark import run, scales
 from benchmark.episodes.table import read_episodes
 from benchmark.rollouts.entry import Entry
-from benchmark.settings.config import LimitsConfig, RobotConfig, RunConfig
+from benchmark.settings.config import LimitsConfig, RunConfig
+from benchmark.settings.robot_config import RobotConfig
 from benchmark.settings.setting import SettingError
 from benchmark.sweeps.scale_sweep import ScalesConfig
 

@@ -5,7 +5,7 @@ from PIL import Image
 from benchmark import build_maps
 from benchmark.map_quality import pictures
 from benchmark.map_quality.pictures import PicturesConfig
-from benchmark.settings.config import RobotConfig
+from benchmark.settings.robot_config import RobotConfig
 from richmap.geometry.grid import Grid
 from richmap.maps.compression import coverage_fraction
 from richmap.similarity.similarity import compare_maps

@@ -18,8 +18,9 @@ from benchmark.leaderboard import LeaderboardConfig
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.missing_episodes import play_and_store
 from benchmark.scoring.report import print_report
-from benchmark.settings.config import OracleConfig, RobotConfig, RunConfig
+from benchmark.settings.config import OracleConfig, RunConfig
 from benchmark.settings.replay_config import ReplayConfig
+from benchmark.settings.robot_config import RobotConfig
 from benchmark.settings.setting import SettingError
 from tests.reach_point import MOST_STEPS, REACH_POINT, save_policy
 

@@ -11,7 +11,8 @@ from benchmark.record import RecordConfig, main
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.video import record
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import RobotConfig, RunConfig
+from benchmark.settings.config import RunConfig
+from benchmark.settings.robot_config import RobotConfig
 from tests.egl import needs_egl
 
 pytestmark = pytest.mark.system

@@ -11,7 +11,8 @@ from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.rollout import load_policy
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import ArmConfig, RobotConfig, RunConfig
+from benchmark.settings.config import RunConfig
+from benchmark.settings.robot_config import ArmConfig, RobotConfig
 from richmap.geometry.grid import Grid
 from richmap.similarity.energy import EnergyField
 

@@ -13,7 +13,8 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.rollout import load_policy
-from benchmark.settings.config import RobotConfig, RunConfig
+from benchmark.settings.config import RunConfig
+from benchmark.settings.robot_config import RobotConfig
 
 pytestmark = [
     pytest.mark.system,
@@ -31,7 +32,8 @@ WITHOUT_AVX512 = {
 EPISODE = """
 from pathlib import Path
 from rich.console import Console
-from benchmark.settings.config import RobotConfig, RunConfig
+from benchmark.settings.robot_config import RobotConfig
+from benchmark.settings.config import RunConfig
 from benchmark.rollouts.make_rollout import make_rollout
 
 policy = Path("results/checkpoints/seed42-1")

@@ -9,7 +9,7 @@ from benchmark import choose_scales, scales
 from benchmark.rollouts import arm_oracle, missing_episodes
 from benchmark.scoring.scale_table import scale_table
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import RobotConfig
+from benchmark.settings.robot_config import RobotConfig
 from benchmark.settings.suite import suite_conditions
 from benchmark.sweeps import scale_choice
 from benchmark.sweeps.chosen_scale import read_methods, read_scales, scales_file

@@ -6,7 +6,8 @@ import pytest
 
 from benchmark import similarity
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import MapConfig, RobotConfig
+from benchmark.settings.map_config import MapConfig
+from benchmark.settings.robot_config import RobotConfig
 from benchmark.similarity import SimilarityConfig
 from tests.strange_arms import urdf
 

@@ -13,7 +13,7 @@ from benchmark.map_quality.speed import (
     poses_in_reach,
     query_speeds,
 )
-from benchmark.settings.config import MapConfig
+from benchmark.settings.map_config import MapConfig
 from richmap.geometry.grid import Grid
 from richmap.similarity.similarity import direction_moments
 

@@ -14,7 +14,8 @@ from rich.console import Console
 from benchmark.artifacts.known_policies import chosen_checkpoint
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import RobotConfig, RunConfig
+from benchmark.settings.config import RunConfig
+from benchmark.settings.robot_config import RobotConfig
 
 pytestmark = pytest.mark.system
 

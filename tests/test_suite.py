@@ -12,7 +12,8 @@ from benchmark.episodes.arm import arm_columns
 from benchmark.scoring.ceiling import Ceiling, ceiling, cross_validated, read_ceilings, save_ceilings
 from benchmark.scoring.statistics import Crossed, clustered_ratio
 from benchmark.scoring.suite_table import by_condition, shares, suite_table, suite_text
-from benchmark.settings.config import ArmConfig, ConditionConfig, OracleConfig, RunConfig
+from benchmark.settings.config import ConditionConfig, OracleConfig, RunConfig
+from benchmark.settings.robot_config import ArmConfig
 from benchmark.settings.scenes import PAPER, SEALED, TABLES, VALIDATION
 from benchmark.settings.setting import SettingError
 from benchmark.settings.suite import SUITES, suite_conditions, suite_runs

@@ -24,7 +24,9 @@ from benchmark.artifacts.maps import energy_field
 from benchmark.episodes.table import read_episodes
 from benchmark.settings import command
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import EnergyConfig, MapConfig, RobotConfig, RunConfig
+from benchmark.settings.config import RunConfig
+from benchmark.settings.map_config import EnergyConfig, MapConfig
+from benchmark.settings.robot_config import RobotConfig
 from benchmark.sweeps.chosen_players import rollouts_of
 from benchmark.sweeps.job import guides_source, job_name
 from benchmark.sweeps.sweep import count_jobs

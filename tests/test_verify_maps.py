@@ -8,8 +8,8 @@ from rich.console import Console
 from benchmark.artifacts.outputs import store_rows
 from benchmark.map_quality import verify_maps
 from benchmark.map_quality.labels import LABELS, LabelledPoses
+from benchmark.map_quality.verify_config import VerifyMapsConfig
 from benchmark.map_quality.verify_maps import VerifiedMap, confusion, half_and_half, report, scores, verify
-from benchmark.settings.config import VerifyMapsConfig
 from richmap.maps.reachability_map import Reach
 from richmap.robots.robots import load_robot
 

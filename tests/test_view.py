@@ -10,7 +10,7 @@ from benchmark import build_maps
 from benchmark.map_quality import view
 from benchmark.map_quality.view import ViewConfig
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import RobotConfig
+from benchmark.settings.robot_config import RobotConfig
 from richmap.geometry.grid import Grid
 from richmap.motion.kinematics import flange_frames
 from richmap.robots.robots import load_robot

@@ -5,7 +5,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
-from benchmark.settings.config import EnergyConfig, MapConfig
+from benchmark.settings.map_config import EnergyConfig, MapConfig
 
 if TYPE_CHECKING:
     from rich.console import Console

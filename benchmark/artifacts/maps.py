@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from benchmark.settings.command import SettingError, check_setting
-from benchmark.settings.config import SOURCE, EnergyConfig, MapConfig
+from benchmark.settings.map_config import EnergyConfig, MapConfig
+from benchmark.settings.robot_config import SOURCE
 from richmap.robots import ROBOTS
 
 if TYPE_CHECKING:

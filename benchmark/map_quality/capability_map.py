@@ -9,7 +9,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import RobotConfig, robot_field
+from benchmark.settings.robot_config import RobotConfig, robot_field
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import SOURCE, MapConfig, RobotConfig, check_folder, robot_field
+from benchmark.settings.map_config import MapConfig
+from benchmark.settings.paths import check_folder
+from benchmark.settings.robot_config import SOURCE, RobotConfig, robot_field
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 from benchmark.artifacts.maps import robot_map
 from benchmark.artifacts.outputs import store_rows
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import MapConfig, check_folder
+from benchmark.settings.map_config import MapConfig
+from benchmark.settings.paths import check_folder
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.settings.config import VerifyMapsConfig
+from benchmark.map_quality.verify_config import VerifyMapsConfig
 from richmap.cache import seconds
 from richmap.worker import worker_pool
 

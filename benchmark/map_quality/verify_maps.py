@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from benchmark.artifacts.outputs import store_rows
 from benchmark.map_quality.verified_maps import MAPS, VerifiedMap
+from benchmark.map_quality.verify_config import VerifyMapsConfig
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import VerifyMapsConfig
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:

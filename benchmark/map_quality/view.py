@@ -13,7 +13,9 @@ import numpy as np
 from benchmark.artifacts.scene_page import ARM, Bar, arm_meshes, boxes, save_page, turned_up
 from benchmark.map_quality.pictures import half_filled_cell
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import SOURCE, MapConfig, RobotConfig, check_file, robot_field
+from benchmark.settings.map_config import MapConfig
+from benchmark.settings.paths import check_file
+from benchmark.settings.robot_config import SOURCE, RobotConfig, robot_field
 
 if TYPE_CHECKING:
     import trimesh

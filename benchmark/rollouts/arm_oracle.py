@@ -6,7 +6,8 @@ from functools import cached_property, lru_cache
 from itertools import batched
 from typing import TYPE_CHECKING, Any
 
-from benchmark.settings.config import ORACLE_METHODS, SOURCE
+from benchmark.settings.config import ORACLE_METHODS
+from benchmark.settings.robot_config import SOURCE
 
 if TYPE_CHECKING:
     import gymnasium

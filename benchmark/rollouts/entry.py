@@ -17,7 +17,8 @@ from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.rollouts.make_condition import make_condition
 from benchmark.settings.command import SettingError, typed
-from benchmark.settings.config import EntryConfig, LimitsConfig, RunConfig
+from benchmark.settings.config import LimitsConfig, RunConfig
+from benchmark.settings.entry_config import EntryConfig
 from benchmark.settings.task import chosen_task
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ from benchmark.artifacts.checkpoint import Checkpoint
 from benchmark.artifacts.known_policies import CHECKPOINTS
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.missing_episodes import play_and_store
-from benchmark.settings.config import RobotConfig, RunConfig
+from benchmark.settings.config import RunConfig
+from benchmark.settings.robot_config import RobotConfig
 
 if TYPE_CHECKING:
     from benchmark.rollouts.rollout import Rollout

@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import SOURCE, EnergyConfig, MapConfig, RunConfig
+from benchmark.settings.config import RunConfig
+from benchmark.settings.map_config import EnergyConfig, MapConfig
+from benchmark.settings.robot_config import SOURCE
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:

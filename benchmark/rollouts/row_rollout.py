@@ -14,8 +14,9 @@ from benchmark.episodes.episode import row_name
 from benchmark.rollouts.field_settings import noted_settings
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import CLASS_IN_FILE, ArmConfig, LimitsConfig, RobotConfig, RunConfig
+from benchmark.settings.config import CLASS_IN_FILE, LimitsConfig, RunConfig
 from benchmark.settings.replay_config import ReplayConfig
+from benchmark.settings.robot_config import ArmConfig, RobotConfig
 from benchmark.settings.task import chosen_task
 from policies.methods import METHODS
 

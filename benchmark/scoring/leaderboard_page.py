@@ -12,8 +12,8 @@ from markdown_it import MarkdownIt
 from benchmark.episodes.arm import setting_text
 from benchmark.scoring.leaderboard_text import PROTOCOL_TEXTS, how_to_read, mechanism_text, policies_text
 from benchmark.scoring.published import TABLE_3
-from benchmark.settings.config import PAPER_ARMS
 from benchmark.settings.recipe import USUAL
+from benchmark.settings.robot_config import PAPER_ARMS
 
 if TYPE_CHECKING:
     import pandas as pd

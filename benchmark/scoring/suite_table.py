@@ -8,7 +8,8 @@ import numpy as np
 from benchmark.episodes.arm import of_arm
 from benchmark.scoring.ceiling import PLAIN, PLANNER, Ceiling, ceilings_file, read_ceilings
 from benchmark.scoring.statistics import Crossed, clustered_mean, clustered_ratio
-from benchmark.settings.config import ConditionConfig, RobotConfig, RunConfig
+from benchmark.settings.config import ConditionConfig, RunConfig
+from benchmark.settings.robot_config import RobotConfig
 from benchmark.settings.scenes import TABLES
 
 if TYPE_CHECKING:

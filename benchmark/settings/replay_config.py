@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from benchmark.settings.config import EnergyConfig, MapConfig, RobotConfig, robot_field
+from benchmark.settings.map_config import EnergyConfig, MapConfig
+from benchmark.settings.robot_config import RobotConfig, robot_field
 from benchmark.settings.setting import check_setting
 from benchmark.settings.task import chosen_task
 

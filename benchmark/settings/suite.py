@@ -6,7 +6,8 @@ from typing import cast
 from omegaconf import OmegaConf
 
 from benchmark.settings.composition import CONF
-from benchmark.settings.config import ConditionConfig, RobotConfig, RunConfig
+from benchmark.settings.config import ConditionConfig, RunConfig
+from benchmark.settings.robot_config import RobotConfig
 from benchmark.settings.setting import SettingError
 
 SUITES = CONF / "suite"

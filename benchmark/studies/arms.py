@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import check_folder
+from benchmark.settings.paths import check_folder
 from envs.arm.place_arm import COMMON_BASE
 from envs.block_push.workspace import POSES
 from richmap.outputs import replacing

@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import ORACLE_METHODS, PAPER_ARMS, RunConfig, check_folder
+from benchmark.settings.config import ORACLE_METHODS, RunConfig
+from benchmark.settings.paths import check_folder
 from benchmark.settings.recipe import RECIPES
+from benchmark.settings.robot_config import PAPER_ARMS
 from envs.block_push.task import BLOCK_PUSH
 from richmap.outputs import replacing
 

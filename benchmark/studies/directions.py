@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import SOURCE, MapConfig, check_targets
+from benchmark.settings.map_config import MapConfig
+from benchmark.settings.robot_config import SOURCE, check_targets
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:

@@ -23,13 +23,9 @@ from benchmark.artifacts.outputs import store_rows
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.missing_episodes import play_and_store
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import (
-    SETTINGS,
-    RobotConfig,
-    RunConfig,
-    check_folder,
-    robot_field,
-)
+from benchmark.settings.config import RunConfig
+from benchmark.settings.paths import check_folder
+from benchmark.settings.robot_config import SETTINGS, RobotConfig, robot_field
 from benchmark.settings.scenes import check_scenes
 from richmap.outputs import replacing
 from richmap.robots import ROBOTS

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmark.settings.command import check_setting, run_command
-from benchmark.settings.config import MapConfig, check_folder, check_targets
+from benchmark.settings.map_config import MapConfig
+from benchmark.settings.paths import check_folder
+from benchmark.settings.robot_config import check_targets
 from envs.block_push.task import BLOCK_PUSH
 from richmap.outputs import replacing
 

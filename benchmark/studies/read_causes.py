@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import check_folder
+from benchmark.settings.paths import check_folder
 from benchmark.settings.suite import suite_conditions
 from benchmark.settings.task import chosen_task
 from policies.methods import DIRECT

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import ConditionConfig, check_file
+from benchmark.settings.config import ConditionConfig
+from benchmark.settings.paths import check_file
 from benchmark.settings.scenes import VALIDATION
 from benchmark.settings.suite import suite_conditions
 from benchmark.settings.task import chosen_task

@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from benchmark.settings.config import SOURCE, RunConfig
+from benchmark.settings.config import RunConfig
 from benchmark.settings.recipe import policy_name
+from benchmark.settings.robot_config import SOURCE
 from benchmark.settings.setting import SettingError
 from benchmark.settings.task import chosen_task
 from benchmark.settings.typed import typed

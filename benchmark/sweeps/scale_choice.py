@@ -8,7 +8,9 @@ import numpy as np
 import yaml
 
 from benchmark.settings.command import check_setting
-from benchmark.settings.config import ConditionConfig, EnergyConfig, MapConfig, RunConfig, check_folder
+from benchmark.settings.config import ConditionConfig, RunConfig
+from benchmark.settings.map_config import EnergyConfig, MapConfig
+from benchmark.settings.paths import check_folder
 from benchmark.settings.scenes import VALIDATION
 from benchmark.settings.suite import suite_conditions, suite_runs
 from benchmark.settings.task import chosen_task

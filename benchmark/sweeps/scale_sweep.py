@@ -13,17 +13,10 @@ from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.scoring.scale_table import CHOSEN_FOR
 from benchmark.settings.command import SettingError, check_setting
-from benchmark.settings.config import (
-    ArmConfig,
-    EnergyConfig,
-    LimitsConfig,
-    MapConfig,
-    RobotConfig,
-    RunConfig,
-    check_method,
-    robot_field,
-)
+from benchmark.settings.config import LimitsConfig, RunConfig, check_method
+from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.recipe import USUAL
+from benchmark.settings.robot_config import ArmConfig, RobotConfig, robot_field
 from benchmark.settings.task import chosen_task
 from benchmark.sweeps.chosen_scale import arm_folder, read_methods
 from policies.methods import GUIDED, METHODS, MOST_SAMPLES

@@ -6,7 +6,7 @@ from pathlib import Path
 from huggingface_hub import DatasetCard
 from lerobot.datasets import LeRobotDatasetMetadata, create_lerobot_dataset_card
 
-from benchmark.settings.config import SOURCE
+from benchmark.settings.robot_config import SOURCE
 from benchmark.training.demonstration_recipe import CollectConfig
 from envs.block_push.task import BLOCK_PUSH
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 import envs
-from benchmark.settings.config import SOURCE
+from benchmark.settings.robot_config import SOURCE
 from benchmark.training.detour import detour
 from benchmark.training.disturbance import Disturbance
 from envs.block_push.oracle import PLANS, Oracle

@@ -11,7 +11,7 @@ import numpy as np
 from lerobot.datasets import LeRobotDataset
 from lerobot.utils.constants import OBS_ENV_STATE, OBS_IMAGE
 
-from benchmark.settings.config import SOURCE
+from benchmark.settings.robot_config import SOURCE
 from benchmark.training.demonstration import Demonstration
 from envs.block_push.task import BLOCK_PUSH
 from richmap.progress import progress_bar

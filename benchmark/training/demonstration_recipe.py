@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass
 
 from benchmark.settings.command import check_setting
-from benchmark.settings.config import check_folder
+from benchmark.settings.paths import check_folder
 from benchmark.settings.scenes import check_scenes
 
 

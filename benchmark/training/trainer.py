@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from benchmark.artifacts.alone import alone
 from benchmark.settings.command import SettingError, check_setting
-from benchmark.settings.config import WandbConfig, check_folder
+from benchmark.settings.config import WandbConfig
+from benchmark.settings.paths import check_folder
 from benchmark.training.collection import collect, digest
 from benchmark.training.demonstration_recipe import CollectConfig
 

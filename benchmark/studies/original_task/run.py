@@ -11,7 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import EnergyConfig, MapConfig, RobotConfig, RunConfig, check_folder
+from benchmark.settings.config import RunConfig
+from benchmark.settings.map_config import EnergyConfig, MapConfig
+from benchmark.settings.paths import check_folder
+from benchmark.settings.robot_config import RobotConfig
 from benchmark.studies.original_task.rule import FIRST_LAMBDAS, FIRST_X, LAMBDAS, PAPER
 
 if TYPE_CHECKING:
