@@ -39,10 +39,17 @@ def stranger(folder, *lines, seconds=60.0):
     return GuidanceClass(folder / "theirs.py", "Theirs", seconds=seconds, gigabytes=1.0)
 
 
+@pytest.fixture
 def houses():
-    """Processes that this one started for strangers."""
-    children = psutil.Process().children(recursive=True)
-    return [each for each in children if "guest_house" in " ".join(each.cmdline())]
+    """Gives the processes that were started for strangers since the test began; others are kept for further use."""
+
+    def started():
+        children = psutil.Process().children(recursive=True)
+        return [each for each in children if each not in before and "guest_house" in " ".join(each.cmdline())]
+
+    before = []
+    before = started()
+    return started
 
 
 @pytest.mark.parametrize(
@@ -64,7 +71,7 @@ def houses():
     ],
     ids=["exit", "interrupt", "signs", "leave", "fault", "memory", "hang", "bomb", "orphan", "garbage"],
 )
-def test_what_ends_a_class_is_said_in_a_line_and_leaves_no_process(tmp_path, lines, message):
+def test_what_ends_a_class_is_said_in_a_line_and_leaves_no_process(tmp_path, houses, lines, message):
     of = stranger(tmp_path, *lines, seconds=3.0 if "while True: pass" in lines else 60.0)
     with pytest.raises(SettingError, match=rf"theirs.py: Theirs\.\w+ {message}"):
         of.make(1.0, None, (0.0, 0.0), 0).correct(CHUNK, STATE)
@@ -79,7 +86,7 @@ ALONE = "import os; os.unshare(os.CLONE_NEWUSER | os.CLONE_NEWNET | os.CLONE_NEW
     subprocess.run([sys.executable, "-c", ALONE], capture_output=True).returncode != 0,
     reason="this system lets no process be taken off the network, or from sight of others",
 )
-def test_it_has_no_network_and_reaches_no_process_of_ours(tmp_path):
+def test_it_has_no_network_and_reaches_no_process_of_ours(tmp_path, houses):
     guidance = stranger(tmp_path, "socket.create_connection(('192.0.2.1', 9), 2)").make(1.0, None, (0.0, 0.0), 0)
     (watching, _) = houses()
     with pytest.raises(SettingError, match="raised OSError: .*unreachable"):

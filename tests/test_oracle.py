@@ -7,6 +7,7 @@ import pytest
 from envs import ENVIRONMENTS
 from envs.block_push.oracle import PLANS, Oracle, run_oracle
 from envs.block_push.outcome import summarize
+from richmap.task_spaces.block_push import BLOCKS, TARGETS
 
 pytestmark = pytest.mark.system
 
@@ -57,3 +58,14 @@ def test_a_ur3_fails_where_its_reach_ends():
     assert causes == {"outer_reach"}
     failed = [outcome for outcome in outcomes if not outcome.p2]
     assert all(outcome.tool_tilt_max < np.radians(1) for outcome in failed)
+
+
+def test_a_block_that_lies_in_place_from_the_start_is_left_there():
+    observation, _ = gymnasium.make(ENVIRONMENTS["xarm6"], disable_env_checker=True).reset(seed=1)
+    observation = np.array(observation, dtype=np.float64)
+    (block, target), second = PLANS[0]
+    blocks, targets = observation[BLOCKS].reshape(2, 3), observation[TARGETS].reshape(2, 3)  # Views.
+    blocks[block, :2] = targets[target, :2]
+    oracle = Oracle(0)
+    oracle(observation)
+    assert oracle.pair == second

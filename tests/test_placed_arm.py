@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[1]
 
 DOORS = {
     "richmap/robots/robots.py", "richmap/physics/convex_parts.py", "envs/arm/place_arm.py",
-    "benchmark/settings/config.py", "benchmark/artifacts/maps.py",
+    "benchmark/settings/robot_config.py", "benchmark/artifacts/maps.py", "policies/within_reach.py",
 }  # fmt: skip
 """Where an arm is looked up by its name, besides studies and what verifies maps."""
 

@@ -78,8 +78,8 @@ class Oracle:
         bias = {"orient_left": KEEP_TURNING, "orient_right": -KEEP_TURNING}.get(self.phase, 0.0)
         error = quarter_turn_error(math.atan2(heading[1], heading[0]) - block[2] - bias) + bias
 
-        if self.phase == "return" and self._first_pre_block is not None and _near(effector, self._first_pre_block):
-            self.phase = "origin"
+        if self.phase == "return" and (self._first_pre_block is None or _near(effector, self._first_pre_block)):
+            self.phase = "origin"  # Also if its first block lay in place before it began.
         if self.phase == "origin" and _near(effector, self._origin):
             self.phase = "pre_block"
         if self.phase in ("orient_left", "orient_right"):
