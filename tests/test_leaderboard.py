@@ -24,9 +24,9 @@ from benchmark.scoring.statistics import holm, paired_p_value
 from benchmark.settings.command import CONF, SettingError
 from benchmark.settings.config import RunConfig
 from benchmark.settings.recipe import RECIPES, USUAL, recipe_folder
-from benchmark.settings.robot_config import PAPER_ARMS
 from envs.block_push.arm import block_push_arm
 from envs.block_push.task import BLOCK_PUSH
+from richmap.robots import ROBOTS
 
 pytestmark = pytest.mark.system
 
@@ -344,5 +344,5 @@ def test_what_is_published_is_what_the_published_rows_say(recipe):
         )
         assert re.search(line, section), (row.robot, row.setting, row.method, line)
         checked += 1
-    arms = [part for part in sections if part.split(",")[0] in PAPER_ARMS]
+    arms = [part for part in sections if part.split(",")[0] in ROBOTS]
     assert checked == sum(part.count("batches of") for part in arms) > 0
