@@ -3,20 +3,14 @@
 import warnings
 from typing import Any
 
-import gymnasium
-import mujoco
 import numpy as np
 from gymnasium import spaces
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float
 
 from envs import MAX_EPISODE_STEPS
-from envs.arm.contact import ContactTime
-from envs.arm.control import CONTROL_FREQUENCY
+from envs.arm.environment import LEROBOT_BEGINS, ArmEnv, Observation
 from envs.arm.inverse_kinematics import Posture
-from envs.arm.placed_arm import PlacedArm, start_posture
-from envs.arm.renderer import HEIGHT as PICTURE_HEIGHT
-from envs.arm.renderer import WIDTH as PICTURE_WIDTH
-from envs.arm.renderer import Renderer, check_size
+from envs.arm.placed_arm import start_posture
 from envs.block_push.scene import Scene, checked_scene, draw_scene
 from envs.block_push.success import both_placed, inside, rewards, score
 from envs.block_push.workspace import DESCRIPTION, HEIGHT, POSES, WORKSPACE
@@ -24,28 +18,17 @@ from richmap.task_spaces.block_push import AT, BLOCK_PUSH_SPACE, BLOCKS, START, 
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", SyntaxWarning)  # From robosuite's own text, when Python first compiles it.
-    from envs.arm.simulation import TIMESTEP
     from envs.block_push.simulation import BlockPushSimulation
 
 MAX_STEP = 0.1
 """Largest step of the commanded effector along an axis, in [m] per control step."""
 LEASH = 0.08
 """Farthest that the command is ahead of the flange, in [m], where an arm is protected: so no error winds up."""
-HOLD = 1.0
-"""How long the command is held still after success before it is judged again, in [s]."""
 YAWS = [i for i, unit in enumerate(BLOCK_PUSH_SPACE.observation.units) if unit == "rad"]
 """Which numbers of the state are angles."""
 
-OBS_TYPES = ("state", "environment_state_agent_pos", "pixels", "pixels_agent_pos")
-"""What an observation may be."""
 
-Observation = Float[np.ndarray, "16"] | UInt8[np.ndarray, "height width 3"] | dict[str, np.ndarray]
-
-LEROBOT_BEGINS = "lerobot_new_rollout"
-"""An option that `lerobot-eval` gives; it changes nothing here."""
-
-
-class BlockPushEnv(gymnasium.Env):
+class BlockPushEnv(ArmEnv[BlockPushSimulation]):
     """Push two blocks into two targets, one each, with a rod held by an arm. Ten control steps per second.
 
     Action, 2 numbers in [m]: step of the commanded effector in x and y, clipped to 0.1 each; the command adds
@@ -84,60 +67,26 @@ class BlockPushEnv(gymnasium.Env):
         ValueError: If one of these cannot be.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": CONTROL_FREQUENCY}
     task = "push-two-blocks"
     task_description = DESCRIPTION
     _max_episode_steps = MAX_EPISODE_STEPS
+    space = BLOCK_PUSH_SPACE
+    built = ("_kinematics", "_start")
 
-    def __init__(
-        self,
-        arm: PlacedArm,
-        obs_type: str = "state",
-        render_mode: str | None = None,
-        observation_width: int = 96,
-        observation_height: int = 96,
-        visualization_width: int = PICTURE_WIDTH,
-        visualization_height: int = PICTURE_HEIGHT,
-    ) -> None:
-        if obs_type not in OBS_TYPES:
-            raise ValueError(f"There is no obs_type {obs_type!r}. Types: {', '.join(OBS_TYPES)}")
-        if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"There is no render_mode {render_mode!r}. Modes: None, rgb_array")
-        check_size("observation", observation_width, observation_height)
-        check_size("visualization", visualization_width, visualization_height)
-        self.arm = arm
-        self.obs_type, self.render_mode = obs_type, render_mode
-        self._seen, self._shown = (observation_width, observation_height), (visualization_width, visualization_height)
-        self.action_space = spaces.Box(-MAX_STEP, MAX_STEP, (BLOCK_PUSH_SPACE.action.width,), np.float32)
-        self.observation_space = _observation_space(obs_type, *self._seen)
-        self._lower, self._upper = arm.joint_range
-        self._delay = round(arm.delay * CONTROL_FREQUENCY)
-        self._contact = ContactTime(arm.protected, TIMESTEP)
-        self._build()
+    def _action_space(self) -> spaces.Box:
+        return spaces.Box(-MAX_STEP, MAX_STEP, (BLOCK_PUSH_SPACE.action.width,), np.float32)
 
-    def _build(self) -> None:
-        """Make what is not copied: kinematics, simulation, and no renderer yet."""
+    def _bounds(self) -> tuple[Float[np.ndarray, "16"], Float[np.ndarray, "16"]]:
+        """Positions within 10 m, which nothing leaves; yaw within [0, pi]."""
+        width = BLOCK_PUSH_SPACE.observation.width
+        low, high = np.full(width, -10, np.float32), np.full(width, 10, np.float32)
+        low[YAWS], high[YAWS] = 0, np.pi
+        return low, high
+
+    def _make_simulation(self, visual: bool) -> BlockPushSimulation:
         self._kinematics = self.arm.kinematics()
         self._start = start_posture(self.arm, self._kinematics, POSES.start)
-        visual = self.render_mode is not None or self._observes_pixels
-        self._simulation: BlockPushSimulation | None = BlockPushSimulation(self.arm, self._start, visual)
-        self._renderer: Renderer | None = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        built = ("_kinematics", "_start", "_simulation", "_renderer")
-        data = None if self._simulation is None else self._simulation.mj_data
-        return {name: value for name, value in self.__dict__.items() if name not in built} | {"_data": data}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        state = {**state}
-        data = state.pop("_data")
-        self.__dict__.update(state)
-        self._build()
-        if data is None:
-            self.close()
-        else:
-            model, own = self.physics
-            mujoco.mj_copyData(own, model, data)
+        return BlockPushSimulation(self.arm, self._start, visual)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -183,48 +132,8 @@ class BlockPushEnv(gymnasium.Env):
         self._been_inside |= now & (not stopped)
         state, info = self._state(), self._info(earned, now)
         if info["p2"]:
-            info["success_at_end"] = self._stays_placed()
+            info["success_at_end"] = self._stays_free() and both_placed(self._inside())
         return self._observe(state), sum(earned), info["p2"] or stopped, False, info
-
-    def render(self) -> np.ndarray | None:
-        """A picture, (height, width, 3) uint8, if `render_mode` is `rgb_array`."""
-        return None if self.render_mode is None else self._draw(*self._shown)
-
-    def _draw(self, width: int, height: int) -> UInt8[np.ndarray, "height width 3"]:
-        simulation = self._running
-        if self._renderer is None:
-            wanted = [self._seen] * self._observes_pixels + [self._shown] * (self.render_mode is not None)
-            self._renderer = Renderer(simulation.mj_model, *map(max, zip(*wanted, strict=True)))
-        return self._renderer.draw(simulation.mj_data, width, height)
-
-    def close(self) -> None:
-        """Give memory back, of graphics and of the simulation; there is nothing to reset after that."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
-        if self._simulation is not None:
-            self._simulation.close()
-            self._simulation = None
-
-    @property
-    def physics(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
-        """MuJoCo's model and its present state."""
-        return self._running.mj_model, self._running.mj_data
-
-    @property
-    def _running(self) -> BlockPushSimulation:
-        """The simulation.
-
-        Raises:
-            gymnasium.error.ClosedEnvironmentError: If the environment was closed.
-        """
-        if self._simulation is None:
-            raise gymnasium.error.ClosedEnvironmentError("The environment was closed. Make another one.")
-        return self._simulation
-
-    @property
-    def _observes_pixels(self) -> bool:
-        return self.obs_type.startswith("pixels")
 
     def _advance(self) -> None:
         self._command = self._leashed(self._command)
@@ -241,13 +150,6 @@ class BlockPushEnv(gymnasium.Env):
         ahead = command - flange
         distance = np.linalg.norm(ahead)
         return flange + ahead * (LEASH / distance) if self.arm.protected and distance > LEASH else command
-
-    def _stays_placed(self) -> bool:
-        for _ in range(round(HOLD * CONTROL_FREQUENCY)):
-            self._advance()
-            if self._contact.stopped:
-                return False
-        return both_placed(self._inside())
 
     def _inside(self) -> Bool[np.ndarray, "2 2"]:
         """Which block (row) is in which target (column)."""
@@ -270,16 +172,6 @@ class BlockPushEnv(gymnasium.Env):
         state[TARGETS] = self._targets.ravel()
         state[YAWS] %= np.pi
         return state.astype(np.float32)
-
-    def _observe(self, state: Float[np.ndarray, "16"]) -> Observation:
-        if self.obs_type == "state":
-            return state
-        if self.obs_type == "pixels":
-            return self._draw(*self._seen)
-        agent, environment = BLOCK_PUSH_SPACE.split(state)
-        if self.obs_type == "pixels_agent_pos":
-            return {"pixels": self._draw(*self._seen), "agent_pos": agent}
-        return {"agent_pos": agent, "environment_state": environment}
 
     def _info(self, earned: tuple[float, float], now: Bool[np.ndarray, "2 2"]) -> dict[str, Any]:
         simulation = self._running
@@ -312,19 +204,3 @@ class BlockPushEnv(gymnasium.Env):
             "target_positions": self._targets[:, :2].copy(),
             "block_in_target": np.where(now.any(1), now.argmax(1), -1),
         }
-
-
-def _observation_space(obs_type: str, width_seen: int, height_seen: int) -> spaces.Space:
-    """Positions within 10 m, which nothing leaves; yaw within [0, pi]; a picture's size in pixels."""
-    width = BLOCK_PUSH_SPACE.observation.width
-    low, high = np.full(width, -10, np.float32), np.full(width, 10, np.float32)
-    low[YAWS], high[YAWS] = 0, np.pi
-    if obs_type == "state":
-        return spaces.Box(low, high)
-    pixels = spaces.Box(0, 255, (height_seen, width_seen, 3), np.uint8)
-    if obs_type == "pixels":
-        return pixels
-    agent, environment = map(spaces.Box, BLOCK_PUSH_SPACE.split(low), BLOCK_PUSH_SPACE.split(high))
-    if obs_type == "pixels_agent_pos":
-        return spaces.Dict(pixels=pixels, agent_pos=agent)
-    return spaces.Dict(agent_pos=agent, environment_state=environment)

@@ -3,18 +3,11 @@
 import warnings
 from typing import Any
 
-import gymnasium
-import mujoco
 import numpy as np
 from gymnasium import spaces
 from jaxtyping import Float, UInt8
 
-from envs.arm.contact import ContactTime
-from envs.arm.control import CONTROL_FREQUENCY
-from envs.arm.placed_arm import PlacedArm
-from envs.arm.renderer import HEIGHT as PICTURE_HEIGHT
-from envs.arm.renderer import WIDTH as PICTURE_WIDTH
-from envs.arm.renderer import Renderer, check_size
+from envs.arm.environment import LEROBOT_BEGINS, ArmEnv, Observation
 from envs.press_buttons.motion import counts, follow, keep_near, move
 from envs.press_buttons.scene import Scene, checked_scene, draw_scene
 from envs.press_buttons.twin import ToolKinematics
@@ -24,22 +17,13 @@ from richmap.task_spaces.press_buttons import BUTTONS, PRESS_BUTTONS_SPACE, ROD
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", SyntaxWarning)  # From robosuite's own text, when Python first compiles it.
-    from envs.arm.simulation import TIMESTEP
     from envs.press_buttons.simulation import PressButtonsSimulation
 
-HOLD = 1.0
-"""How long the command is held still after success before it is judged again, in [s]."""
 FIRST, SECOND = 0.49, 0.51
 """Reward for the first button and for the second one; the shares of the score."""
-OBS_TYPES = ("state", "environment_state_agent_pos", "pixels", "pixels_agent_pos")
-"""What an observation may be."""
-LEROBOT_BEGINS = "lerobot_new_rollout"
-"""An option that `lerobot-eval` gives; it changes nothing here."""
-
-Observation = Float[np.ndarray, "44"] | UInt8[np.ndarray, "height width 3"] | dict[str, np.ndarray]
 
 
-class PressButtonsEnv(gymnasium.Env):
+class PressButtonsEnv(ArmEnv[PressButtonsSimulation]):
     """Press any two of four buttons, with the tip of a rod held by an arm. Ten control steps per second.
 
     Action, 6 numbers: step of the commanded tip in x, y and z, in [m], shortened to 0.03 m, and rotation vector of the
@@ -78,61 +62,28 @@ class PressButtonsEnv(gymnasium.Env):
         ValueError: If one of these cannot be.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": CONTROL_FREQUENCY}
     task = "press-two-buttons"
     task_description = DESCRIPTION
     _max_episode_steps = MAX_EPISODE_STEPS
+    space = PRESS_BUTTONS_SPACE
+    built = ("_tool", "_rotation", "_work")
 
-    def __init__(
-        self,
-        arm: PlacedArm,
-        obs_type: str = "state",
-        render_mode: str | None = None,
-        observation_width: int = 96,
-        observation_height: int = 96,
-        visualization_width: int = PICTURE_WIDTH,
-        visualization_height: int = PICTURE_HEIGHT,
-    ) -> None:
-        if obs_type not in OBS_TYPES:
-            raise ValueError(f"There is no obs_type {obs_type!r}. Types: {', '.join(OBS_TYPES)}")
-        if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"There is no render_mode {render_mode!r}. Modes: None, rgb_array")
-        check_size("observation", observation_width, observation_height)
-        check_size("visualization", visualization_width, visualization_height)
-        self.arm = arm
-        self.obs_type, self.render_mode = obs_type, render_mode
-        self._seen, self._shown = (observation_width, observation_height), (visualization_width, visualization_height)
+    def _action_space(self) -> spaces.Box:
         most = np.repeat([MAX_STEP, MAX_TURN], 3).astype(np.float32)
-        self.action_space = spaces.Box(-most, most, dtype=np.float32)
-        self.observation_space = _observation_space(obs_type, *self._seen)
-        self._lower, self._upper = arm.joint_range
-        self._delay = round(arm.delay * CONTROL_FREQUENCY)
-        self._contact = ContactTime(arm.protected, TIMESTEP)
-        self._build()
+        return spaces.Box(-most, most, dtype=np.float32)
 
-    def _build(self) -> None:
-        """Make what is not copied: kinematics, simulation, and no renderer yet."""
+    def _bounds(self) -> tuple[Float[np.ndarray, "44"], Float[np.ndarray, "44"]]:
+        """Places within 10 m, which nothing leaves; directions from -1 to 1, flags 0 or 1."""
+        layout = PRESS_BUTTONS_SPACE.observation
+        metres = np.array(layout.units) == "m"
+        flags = np.array([name.endswith(("_pressed", "_last")) for name in layout.names])
+        high = np.where(metres, 10, 1 + 1e-6 * ~flags).astype(np.float32)
+        return np.where(flags, 0, -high).astype(np.float32), high
+
+    def _make_simulation(self, visual: bool) -> PressButtonsSimulation:
         self._tool = ToolKinematics(self.arm)
-        visual = self.render_mode is not None or self._observes_pixels
-        self._simulation: PressButtonsSimulation | None = PressButtonsSimulation(self.arm, self._tool.start, visual)
-        self._renderer: Renderer | None = None
         self._rotation, self._work = np.zeros((3, 3)), np.empty((4 * len(self._tool.start) + 16, 6))
-
-    def __getstate__(self) -> dict[str, Any]:
-        built = ("_tool", "_simulation", "_renderer", "_rotation", "_work")
-        data = None if self._simulation is None else self._simulation.mj_data
-        return {name: value for name, value in self.__dict__.items() if name not in built} | {"_data": data}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        state = {**state}
-        data = state.pop("_data")
-        self.__dict__.update(state)
-        self._build()
-        if data is None:
-            self.close()
-        else:
-            model, own = self.physics
-            mujoco.mj_copyData(own, model, data)
+        return PressButtonsSimulation(self.arm, self._tool.start, visual)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -181,46 +132,9 @@ class PressButtonsEnv(gymnasium.Env):
             info["success_at_end"] = self._stays_free()
         return self._observe(state), sum(earned), info["p2"] or self._contact.stopped, False, info
 
-    def render(self) -> np.ndarray | None:
-        """A picture, (height, width, 3) uint8, if `render_mode` is `rgb_array`."""
-        return None if self.render_mode is None else self._draw(*self._shown)
-
     def _draw(self, width: int, height: int) -> UInt8[np.ndarray, "height width 3"]:
-        simulation = self._running
-        if self._renderer is None:
-            wanted = [self._seen] * self._observes_pixels + [self._shown] * (self.render_mode is not None)
-            self._renderer = Renderer(simulation.mj_model, *map(max, zip(*wanted, strict=True)))
-        simulation.show(self._pressed)
-        return self._renderer.draw(simulation.mj_data, width, height)
-
-    def close(self) -> None:
-        """Give memory back, of graphics and of the simulation; there is nothing to reset after that."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
-        if self._simulation is not None:
-            self._simulation.close()
-            self._simulation = None
-
-    @property
-    def physics(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
-        """MuJoCo's model and its present state."""
-        return self._running.mj_model, self._running.mj_data
-
-    @property
-    def _running(self) -> PressButtonsSimulation:
-        """The simulation.
-
-        Raises:
-            gymnasium.error.ClosedEnvironmentError: If the environment was closed.
-        """
-        if self._simulation is None:
-            raise gymnasium.error.ClosedEnvironmentError("The environment was closed. Make another one.")
-        return self._simulation
-
-    @property
-    def _observes_pixels(self) -> bool:
-        return self.obs_type.startswith("pixels")
+        self._running.show(self._pressed)
+        return super()._draw(width, height)
 
     def _advance(self) -> None:
         simulation, tool = self._running, self._tool
@@ -259,29 +173,12 @@ class PressButtonsEnv(gymnasium.Env):
             else:
                 self._missed[i] = True
 
-    def _stays_free(self) -> bool:
-        for _ in range(round(HOLD * CONTROL_FREQUENCY)):
-            self._advance()
-            if self._contact.stopped:
-                return False
-        return True
-
     def _state(self) -> Float[np.ndarray, "44"]:
         simulation, scene = self._running, self._scene
         last = np.arange(BUTTONS) == self._last
         buttons = np.column_stack([scene.places, scene.normals, self._pressed, last])
         parts = [simulation.tip, simulation.approach, self._command, self._direction, buttons.ravel()]
         return np.concatenate(parts).astype(np.float32)
-
-    def _observe(self, state: Float[np.ndarray, "44"]) -> Observation:
-        if self.obs_type == "state":
-            return state
-        if self.obs_type == "pixels":
-            return self._draw(*self._seen)
-        agent, environment = PRESS_BUTTONS_SPACE.split(state)
-        if self.obs_type == "pixels_agent_pos":
-            return {"pixels": self._draw(*self._seen), "agent_pos": agent}
-        return {"agent_pos": agent, "environment_state": environment}
 
     def _info(self, first: float, second: float) -> dict[str, Any]:
         simulation = self._running
@@ -316,21 +213,3 @@ class PressButtonsEnv(gymnasium.Env):
             "missed": self._missed.copy(),
             "travel": simulation.travel,
         }
-
-
-def _observation_space(obs_type: str, width_seen: int, height_seen: int) -> spaces.Space:
-    """Places within 10 m, which nothing leaves; directions from -1 to 1, flags 0 or 1; a picture's size in pixels."""
-    layout = PRESS_BUTTONS_SPACE.observation
-    metres = np.array(layout.units) == "m"
-    flags = np.array([name.endswith(("_pressed", "_last")) for name in layout.names])
-    high = np.where(metres, 10, 1 + 1e-6 * ~flags).astype(np.float32)
-    low = np.where(flags, 0, -high).astype(np.float32)
-    if obs_type == "state":
-        return spaces.Box(low, high)
-    pixels = spaces.Box(0, 255, (height_seen, width_seen, 3), np.uint8)
-    if obs_type == "pixels":
-        return pixels
-    agent, environment = map(spaces.Box, PRESS_BUTTONS_SPACE.split(low), PRESS_BUTTONS_SPACE.split(high))
-    if obs_type == "pixels_agent_pos":
-        return spaces.Dict(pixels=pixels, agent_pos=agent)
-    return spaces.Dict(agent_pos=agent, environment_state=environment)
