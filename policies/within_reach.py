@@ -32,6 +32,8 @@ from richmap.robots.robots import load_robot
 
 SEES, KEEPS = "see_arm", "keep_within_reach"
 """Names of the two steps in a processor's file."""
+BEYOND = 0.05
+"""An arm may be seen as far as this, in [m], from where it was last within its limits."""
 
 Joints = Float[np.ndarray, " dof"]
 
@@ -209,12 +211,13 @@ class KeepWithinReach(PolicyActionProcessorStep):
         found = self.limits.configuration(self._from_base(pose), last, home)
         if found is not None:
             return found, pose
-        if last is None:
+        held = None if last is None else self._to_world(self.limits.pose_of(last))
+        if last is None or held is None or np.linalg.norm(held.position - pose.position) > BEYOND:
             raise ValueError(
                 f"{KEEPS}: no configuration of {self.limits.robot.name} within its limits holds the flange where it is "
                 f"seen, at {pose.position.round(3).tolist()} m. Look at base, position and orientation."
             )
-        return last, self._to_world(self.limits.pose_of(last))  # Seen a little beyond what it reaches.
+        return last, held  # Seen a little beyond what it reaches.
 
     @property
     def _unit(self) -> float:
