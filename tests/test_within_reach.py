@@ -131,8 +131,10 @@ def test_what_nothing_is_known_of_is_refused(keeps, change, message):
 
 def test_an_arm_that_is_seen_where_it_cannot_be_is_told_of(keeps):
     step = keeps(commands="pose_step", command_names=["x", "y"], state_names=STATE)
-    with pytest.raises(ValueError, match="no configuration of .* Look at base, position and orientation"):
-        seen(step, np.array([[3.0, 0, 0, 0, 0]]), np.array([[0.1, 0.1]]))
+    for _ in range(2):  # Also where it was seen before, elsewhere.
+        with pytest.raises(ValueError, match="no configuration of .* Look at base, position and orientation"):
+            seen(step, np.array([[3.0, 0, 0, 0, 0]]), np.array([[0.1, 0.1]]))
+        seen(step, at(BENT), np.array([[0.01, 0.0]]))
     with pytest.raises(ValueError, match="expected 5 numbers of state and 2 of action"):
         seen(step, np.zeros((1, 4)), np.array([[0.1, 0.1]]))
 
