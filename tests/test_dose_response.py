@@ -19,10 +19,11 @@ def table():
     rng = np.random.default_rng(0)
     tracked = rng.permutation(np.linspace(0, 1, 40))
     last = np.arange(40) % 3 == 0
+    success = np.round(6000 / (1 + np.exp(-(3 - 8 * tracked)))) / 6000  # Of whole episodes.
     return pd.DataFrame(
         {
-            "name": [f"arm{i}" for i in range(40)], "family": np.arange(40) >= 15, "last": last, "n": 600,
-            "tracked": tracked, "energy": rng.random(40), "success": 1 / (1 + np.exp(-(3 - 8 * tracked))),
+            "name": [f"arm{i}" for i in range(40)], "family": np.arange(40) >= 15, "last": last, "n": 6000,
+            "tracked": tracked, "energy": rng.random(40), "success": success,
         }
     )  # fmt: skip
 
@@ -33,7 +34,7 @@ def test_what_decides_success_is_found_and_predicts_it(table):
     assert found.loc["tracked", "family (n = 25)"] == "-1.00"  # One cluster, which says nothing of other families.
     assert partial_correlation(table, "tracked") == pytest.approx(-1)
     assert np.isnan(partial_correlation(table, "energy"))  # Of what the other one leaves open, which is nothing.
-    assert np.abs(calibration(table)["off by"]).max() < 1e-6
+    assert np.abs(calibration(table)["off by"]).max() < 1 / 6000
     assert "n = 14 arms" in page(table, draws=20)
 
 
