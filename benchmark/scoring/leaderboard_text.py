@@ -43,9 +43,7 @@ HOW_TO_READ = """- **Episodes**: the scenes of a protocol (docs/protocol.md), th
   measured.
 - **What counts**: rows of a protocol's settings, episodes and batches, by policies that ship with the project and
   learned so, or by entries, which stand beside the usual policies. Other episode versions have sections, and
-  Holm families, of their own: a version rises when the same seed comes to give another episode. Rows of version 1 of
-  before 23 November 2026 were rounded otherwise: they share policy, scene and noise when they are paired, but not the
-  last digits.
+  Holm families, of their own: a version rises when the same seed comes to give another episode.
 """
 
 PROTOCOL_TEXTS = {
