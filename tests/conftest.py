@@ -1,5 +1,6 @@
 """What several test modules need. Loaded before shapes are checked, so it imports richmap inside of functions."""
 
+import contextlib
 import functools
 import json
 import logging
@@ -26,6 +27,32 @@ def no_log_outlives_its_test():
         if handler not in handlers and type(handler) in (logging.StreamHandler, logging.FileHandler):
             root.removeHandler(handler)
     root.setLevel(level)
+
+
+@pytest.fixture(scope="session")
+def cut_short():
+    """Cuts episodes of block pushing that this process plays off after so many steps: what comes later, nobody asks."""
+    import gymnasium
+
+    from benchmark.rollouts.rollout import _arm_environment
+    from envs import BLOCK_PUSH
+
+    @contextlib.contextmanager
+    def cut(steps):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(gymnasium.spec(BLOCK_PUSH), "max_episode_steps", steps)
+            _arm_environment.cache_clear()
+            yield
+        _arm_environment.cache_clear()
+
+    return cut
+
+
+@pytest.fixture
+def brief(cut_short):
+    """Episodes of block pushing have 20 steps."""
+    with cut_short(20):
+        yield
 
 
 @pytest.fixture(scope="session")

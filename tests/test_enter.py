@@ -240,7 +240,7 @@ def test_a_changed_entry_is_run_again_and_nothing_else(entry, entered, tmp_path,
     ]  # fmt: skip
 
 
-def test_an_entry_that_is_random_by_itself_is_refused(tmp_path):
+def test_an_entry_that_is_random_by_itself_is_refused(brief, tmp_path):
     """An author may try as often as it takes; whoever replays a row may not."""
     entry = write_entry(tmp_path / "entry", name="dice", field="none")
     code = (entry / "guidance.py").read_text()

@@ -12,14 +12,18 @@ def test_the_lowest_point_is_that_of_all_triangles(name):
     model = pinocchio.buildModelFromXML(robot.urdf)
     data = model.createData()
     joints = np.random.default_rng(0).uniform(robot.lower, robot.upper, (20, len(robot.joints)))
+    corners = {
+        link: np.concatenate([shape.triangles().vertices for shape in shapes])
+        for link, shapes in robot.shapes.items()
+        if shapes and robot.depth[link]
+    }
     base = model.frames[model.getFrameId(robot.base)].placement.inverse()
     for q, lowest in zip(joints, lowest_points(robot, joints), strict=True):
         pinocchio.framesForwardKinematics(model, data, q)
         heights = []
-        for link, shapes in robot.shapes.items():
-            if robot.depth[link]:
-                pose = base * data.oMf[model.getFrameId(link)]
-                heights += [(s.triangles().vertices @ pose.rotation.T + pose.translation)[:, 2].min() for s in shapes]
+        for link, points in corners.items():
+            pose = base * data.oMf[model.getFrameId(link)]
+            heights.append((points @ pose.rotation.T + pose.translation)[:, 2].min())
         assert lowest == pytest.approx(min(heights), abs=1e-9)
 
 
