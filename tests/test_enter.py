@@ -73,7 +73,7 @@ def test_what_could_change_unseen_is_no_part_of_an_entry(tmp_path):
             enter.main(settings(folder, tmp_path / "out"))
 
 
-def test_scales_are_tried_on_validation_scenes_and_keep_each_others_rows(tmp_path, capsys):
+def test_scales_are_tried_on_validation_scenes_and_keep_each_others_rows(brief, tmp_path, capsys):
     folder, output = write_entry(tmp_path / "slow"), tmp_path / "out"
     with pytest.raises(SettingError, match="none on test episodes; try scales with seed_start=50000"):
         settings(folder, output, scale=[0.9])
@@ -111,7 +111,7 @@ def test_an_entry_with_a_guidance_class_is_evaluated_and_its_rows_are_accepted(e
         assert f"is accepted: 3 rows, of which {some} replay to the last bit." in shown
 
 
-def test_the_papers_protocol_is_setting_original_with_three_policies_of_a_seed(entry, tmp_path, monkeypatch):
+def test_the_papers_protocol_is_setting_original_with_three_policies_of_a_seed(brief, entry, tmp_path, monkeypatch):
     config = settings(entry, tmp_path, settings=["original"], episodes=1, batch_size=None)
     with pytest.raises(SettingError, match="of each seed only the best policy ships. .* benchmark.source_policies"):
         enter.main(config)
@@ -329,12 +329,12 @@ def test_nobody_overwrites_somebody_elses_entry(entry, entered):
         settings(other, entered, seeds=[42, 42])
 
 
-def test_a_policy_of_lerobots_is_an_entry(untrained, tmp_path):
+def test_a_policy_of_lerobots_is_an_entry(brief, untrained, tmp_path):
     entry = write_entry(tmp_path / "theirs", name="theirs", policy="weights", guidance="", scale=0.0)
     shutil.copytree(untrained, entry / "weights")
     enter.main(settings(entry, tmp_path / "out", robots=["ur3"], episodes=1))
     (row,) = read_checked(tmp_path / "out" / "theirs", BLOCK_PUSH).to_dict("records")
-    assert (row["method"], row["checkpoint"], row["sampler"], row["length"]) == ("theirs", "weights", "DDPM", 350)
+    assert (row["method"], row["checkpoint"], row["sampler"], row["length"]) == ("theirs", "weights", "DDPM", 20)
 
 
 def test_a_policy_of_our_type_is_an_entry_and_is_left_as_it_is(entry, entered, tmp_path):
