@@ -31,7 +31,7 @@ def configured(method, output, **values):
     return RunConfig(RobotConfig("xarm6"), method=method, output_dir=str(output), **FEW | values)
 
 
-def test_a_class_is_run_at_a_scale_and_at_its_own_and_keeps_each_rows(tmp_path, capsys):
+def test_a_class_is_run_at_a_scale_and_at_its_own_and_keeps_each_rows(brief, tmp_path, capsys):
     method, output = documented(tmp_path), tmp_path / "out"
     for scale in (0.9, None, 0.9):
         run.main(configured(method, output, guidance_scale=scale))
@@ -48,7 +48,7 @@ def test_a_class_is_run_at_a_scale_and_at_its_own_and_keeps_each_rows(tmp_path, 
     assert "1 rows of these episodes, by other files of the method" in capsys.readouterr().out
 
 
-def test_its_scales_are_swept_beside_direct_transfer(tmp_path, capsys):
+def test_its_scales_are_swept_beside_direct_transfer(brief, tmp_path, capsys):
     method = documented(tmp_path)
     few = FEW | {"episodes": 2, "seeds": [42], "robot": RobotConfig("xarm6"), "output_dir": str(tmp_path / "scales")}
     scales.main(ScalesConfig(methods=[method], scale=[0.8, 0.9], **few))

@@ -29,7 +29,7 @@ def rollout(folder):
     return make_rollout(config, 0.0, chosen_checkpoint(config), Console(quiet=True))
 
 
-def test_a_policy_that_lerobot_trained_is_rolled_out_on_our_arms(synthetic_dataset, tmp_path):
+def test_a_policy_that_lerobot_trained_is_rolled_out_on_our_arms(brief, synthetic_dataset, tmp_path):
     command = f"""-m lerobot.scripts.lerobot_train --policy.type=act --policy.device=cpu --policy.push_to_hub=false
         --policy.dim_model=16 --policy.n_heads=2 --policy.dim_feedforward=16 --policy.n_encoder_layers=1
         --policy.use_vae=false --policy.chunk_size=8 --policy.n_action_steps=8 --dataset.repo_id=local/synthetic
@@ -47,10 +47,10 @@ def test_a_policy_that_lerobot_trained_is_rolled_out_on_our_arms(synthetic_datas
         "none",
     )
     assert len(row["checkpoint_hash"]) == 64
-    assert episode.outcome.length == 350
+    assert episode.outcome.length == 20
 
 
-def test_an_episode_of_it_replays_alone_to_the_last_bit(untrained):
+def test_an_episode_of_it_replays_alone_to_the_last_bit(brief, untrained):
     together = rollout(untrained).play(SEEDS)
     assert rollout(untrained).play(SEEDS[1:]) == together[1:]
     assert together[0].row()["sampler"] == "DDPM" and together[0].row()["sampling_steps"] == 3
