@@ -8,6 +8,7 @@ import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
+from pkgutil import resolve_name
 
 import numpy as np
 import platformdirs
@@ -38,7 +39,7 @@ AS_GOOD = 0.01
 
 
 def find_posture(arm: PlacedArm, poses: TaskPoses) -> PlacedArm:
-    """The arm in the branch from which it follows most of the task's poses; from the user's cache once it was found.
+    """The arm in the branch from which it does most of the task; from the user's cache once it was found.
 
     Raises:
         ValueError: If it cannot hold its tool upright over the task's start.
@@ -61,7 +62,7 @@ def best_posture(arm: PlacedArm, poses: TaskPoses) -> Float[np.ndarray, " dof"]:
             f"{arm.robot} with its base at {arm.base} m can hold the tool upright over the start {poses.start[:2]} m "
             "in none of its postures. Choose another base."
         )
-    shares = np.array([followed_share(replace(arm, posture=tuple(posture)), poses) for posture in postures])
+    shares = np.array([share_done(replace(arm, posture=tuple(posture)), poses) for posture in postures])
     alike = np.flatnonzero(shares >= shares.max() - AS_GOOD)
     return postures[alike[np.argmin(strain(arm, postures[alike]))]]
 
@@ -91,6 +92,13 @@ def branches(joints: Float[np.ndarray, "n dof"]) -> Int[np.ndarray, " n"]:
     i, j = np.triu_indices(len(joints), 1)
     apart = np.abs((joints[i] - joints[j] + np.pi) % (2 * np.pi) - np.pi).max(1)
     return fcluster(linkage(apart, "single"), APART, "distance")
+
+
+def share_done(arm: PlacedArm, poses: TaskPoses) -> float:
+    """How much of the task the arm does from its posture, from 0 to 1."""
+    if poses.share_done is not None:
+        return float(resolve_name(poses.share_done)(arm))
+    return followed_share(arm, poses)
 
 
 def followed_share(arm: PlacedArm, poses: TaskPoses) -> float:

@@ -12,7 +12,7 @@ FOUND = "found"
 
 @dataclass(frozen=True)
 class TaskPoses:
-    """What a task asks of an arm: to hold its tool upright over its start, and from there over its poses."""
+    """What a task asks of an arm: to hold its tool upright over its start, and from there what it is judged by."""
 
     start: tuple[float, float, float]
     """Of the flange, in [m] in the world."""
@@ -25,10 +25,14 @@ class TaskPoses:
     branch: str | None = None
     """In which branch arms do the task unless they are told otherwise, such as `found`; None for what an arm's file
     says, which is about block push."""
+    share_done: str | None = None
+    """How much of the task an arm does from its posture, a number from 0 to 1 by which a posture is found: a function
+    of the `PlacedArm`, as `module:name`. None for the share of the poses that it follows."""
 
     def key(self) -> dict[str, Any]:
         """What a posture that is found depends on, as plain values."""
-        return {name: value for name, value in asdict(self).items() if name != "branch"}
+        told = {name: value for name, value in asdict(self).items() if name != "branch"}
+        return {name: value for name, value in told.items() if value is not None}
 
     def points(self) -> Float[np.ndarray, "n 2"]:
         """The poses' xy, in [m] in the world."""

@@ -89,7 +89,7 @@ class KinematicTwin:
         places: Float[np.ndarray, "4 3"],
         normals: Float[np.ndarray, "4 3"],
         joints: Float[np.ndarray, "n dof"],
-        pressed: tuple[int, int],
+        pressed: tuple[int, ...],
     ) -> bool:
         """Whether in one of these configurations a link touches another, the table or a button, or the rod a button
         that is not to be pressed; links only where self-collision binds."""
@@ -110,7 +110,7 @@ class KinematicTwin:
         joints = self.path(places, normals, *pair)
         return joints is not None and not self.touches(places, normals, joints, pair)
 
-    def _is_wrong(self, touching: list[int], pressed: tuple[int, int]) -> bool:
+    def _is_wrong(self, touching: list[int], pressed: tuple[int, ...]) -> bool:
         """Whether two geoms are not to touch each other while these buttons are pressed."""
         rod, floor, buttons = self._geoms
         if rod not in touching:

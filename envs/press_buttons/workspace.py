@@ -11,8 +11,14 @@ MAX_EPISODE_STEPS = 130
 """Control steps, at 10 per second, after which an episode is cut off."""
 START = (0.35, 0.0, 0.3)
 """Where the tip is at the start, pointing down, in [m]."""
-POSES = TaskPoses((*START[:2], START[2] + ROD), START[:2], START[:2], branch=FOUND)
-"""What is asked of an arm: its start, in the posture that is farthest from its joints' limits there."""
+POSES = TaskPoses(
+    (*START[:2], START[2] + ROD),
+    START[:2],
+    START[:2],
+    branch=FOUND,
+    share_done="envs.press_buttons.posture:share_pressed",
+)
+"""What is asked of an arm: its start, in the posture from which it can press most buttons."""
 
 MAX_STEP, MAX_TURN = 0.03, 0.15
 """Longest step of the commanded tip in a control step, in [m], and largest turn of its direction, in [rad]."""
