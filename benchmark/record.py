@@ -121,20 +121,19 @@ def _how(outcome: object) -> str:
 def _draw_demonstration(config: RecordConfig, console: "Console") -> None:
     import gymnasium
 
-    import envs
     from benchmark.training.demonstration import demonstrate
     from benchmark.training.demonstration_chunks import kind_of
     from benchmark.training.demonstration_recipe import CollectConfig
 
-    seed, recipe = config.demonstration, CollectConfig()
+    seed, recipe = config.demonstration, CollectConfig(config.task)
     frames: dict[int, list] = {}
-    env = gymnasium.make(envs.ENVIRONMENTS[SOURCE], render_mode="rgb_array")
+    env = gymnasium.make(recipe.demonstrator.environment, render_mode="rgb_array")
 
     def watch(attempt: int) -> None:
         frames.setdefault(attempt, []).append(env.render())
 
     kind = kind_of(recipe, seed)
-    episode = demonstrate(env, seed, kind, recipe.burst_probability, recipe.detours, watch)
+    episode = demonstrate(recipe.demonstrator, env, seed, kind, recipe.burst_probability, recipe.detours, watch)
     env.close()
     file = Path(config.output_dir) / f"demonstration-{seed}.webp"
     how = "succeeded" if episode.successes[-1] else "failed"

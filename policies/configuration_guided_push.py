@@ -36,7 +36,9 @@ class GuidedPushConfig(DiffusionConfig):
         }
     )
     action_unit: float = 0.03
-    """Action that the denoiser calls 1, in [m]; the oracle's largest step. Actions are clipped to ±1 unit."""
+    """Step that the denoiser calls 1, in [m]; the oracle's largest one. Actions are clipped to ±1 unit."""
+    turn_unit: float = 0.15
+    """Turn that it calls 1, in [rad], in tasks with turns."""
 
     features: str = "relative"
     """What the denoiser sees: relative, the only kind that is left (`policies.<task>.features`)."""
@@ -67,7 +69,7 @@ class GuidedPushConfig(DiffusionConfig):
     noise_draws: int = 4
     """Noise levels drawn per observation in training: the trunk runs once for all of them."""
     permute: bool = True
-    """Relabel blocks and targets at random in training: an exact symmetry of the task."""
+    """Relabel things that are alike, such as blocks, at random in training: an exact symmetry of the task."""
     displacement: float = 0.0
     """Standard deviation per axis of a displacement of the effector in training that the first action makes up for, in
     [m] (`policies.block_push.features.displace`): clean demonstrations show no way back."""
@@ -106,6 +108,11 @@ class GuidedPushConfig(DiffusionConfig):
                 f"guidance={self.guidance} with guidance_scale={self.guidance_scale} needs a field of "
                 f"{METHODS[self.guidance].field}: set energy_field to the path of a saved one."
             )
+
+    @property
+    def action_units(self) -> list[float]:
+        """Of each number of an action, what the denoiser calls 1: in [m] or [rad]."""
+        return [{"m": self.action_unit, "rad": self.turn_unit}[unit] for unit in self.space.action.units]
 
     @property
     def needs_field(self) -> bool:

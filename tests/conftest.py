@@ -180,6 +180,7 @@ def synthetic_dataset(tmp_path_factory):
     """A dataset of two made-up demonstrations, laid out as ours are."""
     from benchmark.training.demonstration import Demonstration
     from benchmark.training.demonstration_dataset import write_dataset
+    from envs.block_push.task import BLOCK_PUSH
 
     rng = np.random.default_rng(0)
     root = tmp_path_factory.mktemp("demonstrations") / "synthetic"
@@ -191,7 +192,7 @@ def synthetic_dataset(tmp_path_factory):
         )
         for seed in range(2)
     ]  # fmt: skip
-    write_dataset(episodes, root, 2)
+    write_dataset(episodes, root, BLOCK_PUSH, 2)
     return root
 
 

@@ -10,14 +10,16 @@ from lerobot.datasets import LeRobotDataset
 from benchmark.artifacts.alone import alone
 from benchmark.settings.command import SettingError
 from benchmark.training.collection import collect
-from benchmark.training.demonstration import Demonstration, around_blocks, demonstrate, pack, source_env, unpack
+from benchmark.training.demonstration import Demonstration, demonstrate, pack, source_env, unpack
 from benchmark.training.demonstration_recipe import CollectConfig
+from envs.block_push.demonstrator import around_blocks
 from envs.block_push.oracle import Oracle
 from envs.block_push.scene import START, Scene
 
 pytestmark = pytest.mark.system
 
-KINDS = ("clean", "noise", "bursts", "wide", "crowded")
+SHOWN = CollectConfig().demonstrator
+KINDS = ("clean", *dict(SHOWN.kinds))
 
 
 @pytest.fixture(scope="module")
@@ -25,10 +27,7 @@ def config(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demonstrations") / "few"
     return CollectConfig(
         episodes=2,
-        share_noise=0.5,
-        share_bursts=0.0,
-        share_wide=0.5,
-        share_crowded=0.0,
+        shares={"noise": 0.5, "bursts": 0.0, "wide": 0.5, "crowded": 0.0},
         workers=1,
         output_dir=str(folder),
     )
@@ -80,16 +79,16 @@ def test_the_recipe_is_stored_with_the_data(root, config):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_demonstration_depends_on_its_seed_alone(kind):
-    env = source_env()
-    once, again = demonstrate(env, 3, kind), demonstrate(env, 3, kind)
+    env = source_env(SHOWN.environment)
+    once, again = demonstrate(SHOWN, env, 3, kind), demonstrate(SHOWN, env, 3, kind)
     assert np.array_equal(once.observations, again.observations)
     assert np.array_equal(once.actions, again.actions)
     assert once.successes[-1] and not once.successes[:-1].any()
 
 
 def test_without_bursts_only_noise_is_left():
-    env = source_env()
-    driven = demonstrate(env, 3, "bursts", burst_probability=0.0)
+    env = source_env(SHOWN.environment)
+    driven = demonstrate(SHOWN, env, 3, "bursts", burst_probability=0.0)
     wrong = np.diff(driven.observations[:, 8:10], axis=0) - driven.actions[:-1]
     assert 0.1 < (np.abs(wrong).max(axis=1) > 1e-5).mean() < 0.3
 
@@ -100,14 +99,14 @@ def test_the_demonstrator_walks_around_blocks_and_in_clean_episodes_straight_on(
     behind = {"scene": replace(scene, effector=np.array([0.29, 0.12]))}
 
     def dragged(detours):
-        observation, _ = source_env().reset(seed=0, options=behind)
+        observation, _ = source_env(SHOWN.environment).reset(seed=0, options=behind)
         oracle = Oracle(3)
         oracle(observation)
         oracle.phase, oracle._origin = "origin", start
         for _ in range(20):
             label = oracle(observation)
             step = around_blocks(oracle, label, observation) if detours else label
-            observation, *_ = source_env().step(step.astype(np.float32))
+            observation, *_ = source_env(SHOWN.environment).step(step.astype(np.float32))
         return np.linalg.norm(observation[:2] - scene.block[:2]) + np.linalg.norm(observation[3:5] - scene.block2[:2])
 
     assert dragged(detours=False) > 0.05
@@ -118,7 +117,7 @@ def test_the_demonstrator_walks_around_the_block_that_it_is_about_to_push():
     """From in front of it to behind it: the oracle's straight way would push it backwards."""
     block, target = np.array([0.4, -0.1, 0.0]), np.array([0.4, 0.2, 0.0])
     aside, far = np.array([0.55, -0.3, 0.0]), np.array([0.52, 0.2, 0.0])
-    observation, _ = source_env().reset(
+    observation, _ = source_env(SHOWN.environment).reset(
         seed=0, options={"scene": Scene(block, aside, target, far, 0, np.array([0.4, 0.0]))}
     )
     oracle = Oracle(0)
@@ -126,7 +125,7 @@ def test_the_demonstrator_walks_around_the_block_that_it_is_about_to_push():
         label = around_blocks(oracle, oracle(observation), observation)
         if oracle.phase != "pre_block":
             break
-        observation, *_ = source_env().step(label.astype(np.float32))
+        observation, *_ = source_env(SHOWN.environment).step(label.astype(np.float32))
     assert oracle.phase == "block"
     assert np.linalg.norm(observation[:2] - block[:2]) < 0.002
 
@@ -151,7 +150,7 @@ def test_packing_keeps_every_episode():
             assert np.array_equal(getattr(before, name), getattr(after, name))
 
 
-@pytest.mark.parametrize("fields", [{"share_noise": 1.2}, {"share_wide": -0.1}, {"episodes": 0}])
+@pytest.mark.parametrize("fields", [{"shares": {"noise": 1.2}}, {"shares": {"shown": 0.1}}, {"episodes": 0}])
 def test_impossible_settings_are_refused(fields):
     with pytest.raises(ValueError, match="is not allowed. Allowed"):
         CollectConfig(**fields)

@@ -1,6 +1,6 @@
 import numpy as np
 
-from benchmark.training.detour import KEEP_OFF, LOOK, detour
+from envs.block_push.detour import KEEP_OFF, LOOK, detour
 
 STEP = 0.03
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmark.training.disturbance import BURST_SIZE, BURST_STEPS, Disturbance
+from envs.disturbance import BURST_SIZE, BURST_STEPS, Disturbance
 
 LABEL = np.array([0.01, -0.02])
 

@@ -5,7 +5,9 @@ import math
 import pytest
 import torch
 
-from policies.block_push.features import displace, feature_count, observation_features, permute
+from policies.block_push.features import displace, observation_features, permute
+from policies.configuration_guided_push import GuidedPushConfig
+from policies.press_buttons import features as press_buttons
 
 YES, NO = torch.ones(5, dtype=torch.bool), torch.zeros(5, dtype=torch.bool)
 
@@ -88,4 +90,26 @@ def test_a_displaced_effector_goes_where_it_went(observation):
 
 
 def test_one_observation_is_enough():
-    assert feature_count(1) < feature_count(3)
+    state, environment = torch.zeros(1, 3, 4), torch.zeros(1, 3, 12)
+    count = observation_features(state, environment).shape[1]
+    assert observation_features(state[:, :1], environment[:, :1]).shape[1] < count
+
+
+def test_the_order_of_buttons_changes_nothing_and_everything_else_does():
+    generator = torch.Generator().manual_seed(0)
+    state, environment = (torch.rand(6, 1, width, generator=generator, dtype=torch.float64) for width in (12, 32))
+    trunk = press_buttons.make_trunk(GuidedPushConfig(trunk_width=32), 7).double()
+
+    def read(state, environment):
+        return trunk(press_buttons.observation_features(state, environment))
+
+    order = torch.rand(6, 4, generator=generator).argsort(1)
+    other = press_buttons.permute(environment, order)
+    assert torch.equal(other[0, 0].view(4, 8), environment[0, 0].view(4, 8)[order[0]])
+    torch.testing.assert_close(read(state, other), read(state, environment))
+    before = read(state, environment)
+    for changed in (state, environment):
+        for number in range(changed.shape[2]):
+            changed[..., number] += 0.1
+            assert (read(state, environment) - before).abs().max() > 1e-9
+            changed[..., number] -= 0.1

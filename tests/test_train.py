@@ -41,7 +41,7 @@ def root(tmp_path_factory):
         return Demonstration(seed, "clean", 1, observations, actions, success.astype(np.float32), success)
 
     root = tmp_path_factory.mktemp("demonstrations") / "synthetic"
-    write_dataset([episode(0, 8), episode(1, 5)], root, 2)
+    write_dataset([episode(0, 8), episode(1, 5)], root, BLOCK_PUSH, 2)
     about = {"recipe": CollectConfig().recipe, "episode_version": BLOCK_PUSH.episode_version("embodied")}
     (root / "meta" / "collect.json").write_text(json.dumps(about))
     return root

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from benchmark.artifacts.alone import alone
 from benchmark.settings.command import SettingError
+from benchmark.settings.task import chosen_task
 from benchmark.training.demonstration_recipe import CollectConfig
 
 
@@ -20,9 +21,7 @@ def collect(config: CollectConfig) -> Path:
     Raises:
         SettingError: If others are there, or another process collects them just now.
     """
-    from envs.block_push.task import BLOCK_PUSH
-
-    root, version = Path(config.output_dir), BLOCK_PUSH.episode_version("embodied")
+    root, version = Path(config.folder), chosen_task(config.task).episode_version("embodied")
     if root.exists():
         _check_demonstrations(root, config, version)
         return root
@@ -73,7 +72,7 @@ def _assemble(config: CollectConfig, chunks: Path, root: Path, about: Mapping[st
 
     partial = root.with_name(f".{root.name}.tmp")
     shutil.rmtree(partial, ignore_errors=True)
-    write_dataset(stored(config, chunks), partial, config.episodes, config.image_size)
+    write_dataset(stored(config, chunks), partial, chosen_task(config.task), config.count, config.image_size)
     about = {**about, "played": played(config, chunks)}
     (partial / "meta" / "collect.json").write_text(json.dumps(about, indent=2) + "\n")
     (partial / "README.md").write_text(dataset_card(partial, root.name, config))

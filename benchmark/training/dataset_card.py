@@ -7,8 +7,8 @@ from huggingface_hub import DatasetCard
 from lerobot.datasets import LeRobotDatasetMetadata, create_lerobot_dataset_card
 
 from benchmark.settings.robot_config import SOURCE
+from benchmark.settings.task import chosen_task
 from benchmark.training.demonstration_recipe import CollectConfig
-from envs.block_push.task import BLOCK_PUSH
 
 TEMPLATE = """
 # Demonstrations `{name}`
@@ -50,18 +50,20 @@ def dataset_card(folder: Path, name: str, config: CollectConfig) -> str:
         config: How it was made.
     """
     meta = LeRobotDatasetMetadata(f"local/{name}", root=folder)
-    head = create_lerobot_dataset_card(["robotics", "block-push"], license="mit").data
+    head = create_lerobot_dataset_card(["robotics", config.task.replace("_", "-")], license="mit").data
     shown = ("observation.", "action", "next.")
     columns = [
         f"- `{key}`: {feature['dtype']} {tuple(feature['shape'])}"
         for key, feature in sorted(meta.features.items())
         if key.startswith(shown)
     ]
-    default = CollectConfig().recipe
+    default = {**CollectConfig(config.task).recipe, "task": CollectConfig().task}
     changed = {key: value for key, value in config.recipe.items() if default.get(key) != value}
+    if "shares" in changed:
+        changed["shares"] = "'{" + ",".join(f"{kind}:{share:g}" for kind, share in config.of_kinds.items()) + "}'"
     text = TEMPLATE.format(
         name=name,
-        task=BLOCK_PUSH.description,
+        task=chosen_task(config.task).description,
         episodes=meta.total_episodes,
         frames=meta.total_frames,
         fps=meta.fps,

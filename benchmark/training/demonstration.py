@@ -1,24 +1,17 @@
-"""One demonstration of the scripted oracle on the source arm."""
+"""One demonstration of a task's scripted expert on the source arm."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, partial
 from typing import Any
 
 import gymnasium
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-import envs
-from benchmark.settings.robot_config import SOURCE
-from benchmark.training.detour import detour
-from benchmark.training.disturbance import Disturbance
-from envs.block_push.oracle import PLANS, Oracle
-from envs.block_push.scene import Scene, draw_crowded_scene, draw_wide_scene
-from richmap.task_spaces.block_push import AT, BLOCKS, PLACED, START
+import envs  # noqa: F401, it registers the environments
+from envs.demonstrator import Demonstrator
 
-SCENES = {"wide": draw_wide_scene, "crowded": draw_crowded_scene}
-"""By kind, for those with scenes of their own."""
 ATTEMPTS = 20
 """Tries at a successful episode of one seed before giving up."""
 
@@ -29,51 +22,54 @@ class Demonstration:
 
     seed: int
     kind: str
-    """clean, noise, bursts, wide or crowded: what was done to the executed actions and to the scene."""
+    """clean, or one of `envs.demonstrator.Demonstrator.kinds`: what was done to executed actions and scene."""
     attempts: int
     """Episodes played until this one."""
-    observations: Float[np.ndarray, "n 16"]
-    """Legacy layout of the environments, in [m] and [rad]."""
-    actions: Float[np.ndarray, "n 2"]
-    """The oracle's action for each observation, in [m]; not always the one executed."""
+    observations: Float[np.ndarray, "n observation"]
+    """In the task's layout."""
+    actions: Float[np.ndarray, "n action"]
+    """The expert's action for each observation; not always the one executed."""
     rewards: Float[np.ndarray, " n"]
     successes: Bool[np.ndarray, " n"]
-    """Whether both blocks were in different targets after the step."""
+    """Whether the task was done after the step."""
     pictures: UInt8[np.ndarray, "n size size 3"] | None = None
     """What the camera saw with each observation; None where nothing was drawn."""
 
 
 @cache
-def source_env(size: int = 0) -> gymnasium.Env:
-    """The source arm's environment, one per process: building it takes seconds.
+def source_env(name: str, size: int = 0) -> gymnasium.Env:
+    """A task on the source arm, one per process: building it takes seconds.
 
     Args:
+        name: Gymnasium's, as `envs.demonstrator.Demonstrator` has it.
         size: Width and height of the pictures that `render` gives, in pixels; 0 for none.
     """
     drawn: dict[str, Any] = {}
     if size:
         drawn = {"render_mode": "rgb_array", "visualization_width": size, "visualization_height": size}
-    return gymnasium.make(envs.ENVIRONMENTS[SOURCE], **drawn)
+    return gymnasium.make(name, **drawn)
 
 
 def demonstrate(
+    demonstrator: Demonstrator,
     env: gymnasium.Env,
     seed: int,
     kind: str,
     burst_probability: float = 0.03,
     detours: bool = True,
-    watch: Callable[[int], None] | None = None,
+    watch: Callable[[int], None] = lambda attempt: None,
 ) -> Demonstration:
-    """Plays the oracle with the kind's disturbances until an episode succeeds.
+    """Plays the expert with the kind's disturbances until an episode succeeds.
 
     Clean episodes are kept as they come, like the published ones: they would only repeat.
 
     Args:
+        demonstrator: The task's.
         env: The source arm's environment.
         seed: Of the scene and of the disturbances.
         kind: What is done to the executed actions and to the scene (`Demonstration.kind`).
         burst_probability: Chance per step of a burst, in the kinds that have some.
-        detours: Whether the oracle's straight ways bend around blocks, but in clean episodes.
+        detours: Whether the expert's straight ways bend around blocks, but in clean episodes.
         watch: Called with the number of the attempt before each of its steps.
 
     Raises:
@@ -81,89 +77,12 @@ def demonstrate(
     """
     for attempt in range(1, ATTEMPTS + 1):
         rng = np.random.default_rng((seed, attempt))
-        scene = _unusual_scene(rng, SCENES[kind]) if kind in SCENES else None
-        disturbance = Disturbance(kind, burst_probability, rng)
-        demonstration = _play(env, seed, kind, attempt, scene, disturbance, detours, watch)
-        if demonstration.successes[-1] or kind == "clean":
-            return demonstration
+        played = demonstrator.play(env, seed, kind, rng, burst_probability, detours, partial(watch, attempt))
+        observations, actions, rewards, successes = (np.array(column) for column in zip(*played, strict=True))
+        if successes[-1] or kind == "clean":
+            observations, actions, rewards = (each.astype(np.float32) for each in (observations, actions, rewards))
+            return Demonstration(seed, kind, attempt, observations, actions, rewards, successes.astype(bool))
     raise RuntimeError(f"The oracle failed {ATTEMPTS} times with seed {seed} and kind {kind}.")
-
-
-def _play(
-    env: gymnasium.Env,
-    seed: int,
-    kind: str,
-    attempt: int,
-    scene: Scene | None,
-    disturbance: Disturbance,
-    detours: bool,
-    watch: Callable[[int], None] | None,
-) -> Demonstration:
-    observation, info = env.reset(seed=seed, options=None if scene is None else {"scene": scene})
-    oracle = Oracle(info["mode"])
-    oracle(_as_at_start(observation))  # It returns to where it first sees itself; let that be the usual start.
-    steps = []
-    over = False
-    while not over:
-        if watch is not None:
-            watch(attempt)
-        label = oracle(observation)
-        if detours and kind != "clean":
-            label = around_blocks(oracle, label, observation)
-        executed, restart = disturbance(label)
-        following, reward, terminated, truncated, info = env.step(executed.astype(np.float32))
-        steps.append((observation, label, reward, info["is_success"]))
-        if restart and oracle.phase in ("push", "orient_left", "orient_right"):
-            oracle.phase = "pre_block"
-        observation, over = following, terminated or truncated
-    observations, actions, rewards, successes = (np.array(column) for column in zip(*steps, strict=True))
-    return Demonstration(
-        seed,
-        kind,
-        attempt,
-        observations.astype(np.float32),
-        actions.astype(np.float32),
-        rewards.astype(np.float32),
-        successes.astype(bool),
-    )
-
-
-def _as_at_start(observation: Float[np.ndarray, "16"]) -> Float[np.ndarray, "16"]:
-    """The observation with the commanded effector at the usual start."""
-    observation = observation.copy()
-    observation[AT["commanded"]] = START
-    return observation
-
-
-def around_blocks(
-    oracle: Oracle, label: Float[np.ndarray, "2"], observation: Float[np.ndarray, "16"]
-) -> Float[np.ndarray, "2"]:
-    """The oracle's step, led around the blocks that it would run into: its own ways are straight and blind."""
-    if oracle.phase not in ("pre_block", "return", "origin") or oracle.goal is None:
-        return label
-    return detour(label, observation[AT["commanded"]], oracle.goal, observation[BLOCKS].reshape(2, 3)[:, :2])
-
-
-def _unusual_scene(rng: np.random.Generator, draw: Callable[[np.random.Generator], Scene]) -> Scene:
-    """A scene that is not solved already, with a plan that leaves a placed block alone.
-
-    Of two blocks that are placed in one target, the plan moves one.
-    """
-    while True:
-        scene = draw(rng)
-        placed = {
-            (b, t)
-            for b, block in enumerate((scene.block, scene.block2))
-            for t, target in enumerate((scene.target, scene.target2))
-            if np.linalg.norm(block[:2] - target[:2]) < PLACED
-        }
-        modes = [
-            mode
-            for mode, (first, second) in enumerate(PLANS)
-            if first not in placed and placed <= {second, (first[0], second[1])} and placed != {(first[0], second[1])}
-        ]
-        if modes:
-            return replace(scene, mode=int(rng.choice(modes)))
 
 
 def pack(episodes: list[Demonstration]) -> dict[str, np.ndarray]:

@@ -21,12 +21,12 @@ EPISODES_PER_CHUNK = 5
 def simulate(config: CollectConfig, chunks: Path) -> None:
     """Fills the folder with one file per chunk of episodes."""
     missing = [chunk for chunk in _chunks(config) if not _chunk_path(chunks, chunk).exists()]
-    done = config.episodes - sum(len(chunk) for chunk in missing)
+    done = config.count - sum(len(chunk) for chunk in missing)
     with (
         progress_bar() as progress,
         worker_pool(min(config.workers, len(missing) or 1)) as pool,
     ):
-        task = progress.add_task("Demonstrations", total=config.episodes, completed=done)
+        task = progress.add_task("Demonstrations", total=config.count, completed=done)
         futures = {pool.submit(_simulate_chunk, config, chunk, chunks): len(chunk) for chunk in missing}
         for future in as_completed(futures):
             future.result()
@@ -45,7 +45,8 @@ def _simulate_chunk(config: CollectConfig, seeds: range, chunks: Path) -> None:
 
 def _demonstrate(config: CollectConfig, seed: int) -> Demonstration:
     """One episode, with its pictures if they are asked for."""
-    env = source_env(config.image_size)
+    demonstrator = config.demonstrator
+    env = source_env(demonstrator.environment, config.image_size)
     frames: list[tuple[int, Any]] = []
 
     def watch(attempt: int) -> None:
@@ -53,7 +54,7 @@ def _demonstrate(config: CollectConfig, seed: int) -> Demonstration:
             frames.append((attempt, env.render()))
 
     how = (config.burst_probability, config.detours)
-    episode = demonstrate(env, seed, kind_of(config, seed), *how, watch)
+    episode = demonstrate(demonstrator, env, seed, kind_of(config, seed), *how, watch)
     pictures = [frame for attempt, frame in frames if attempt == episode.attempts]
     return replace(episode, pictures=np.stack(pictures)) if pictures else episode
 
@@ -61,13 +62,7 @@ def _demonstrate(config: CollectConfig, seed: int) -> Demonstration:
 def kind_of(config: CollectConfig, seed: int) -> str:
     """Kind of an episode: drawn by its seed alone, so that more episodes never change the first ones."""
     draw = np.random.default_rng((seed, 0)).random()
-    shares = {
-        "noise": config.share_noise,
-        "bursts": config.share_bursts,
-        "wide": config.share_wide,
-        "crowded": config.share_crowded,
-    }
-    for kind, share in shares.items():
+    for kind, share in config.of_kinds.items():
         if draw < share:
             return kind
         draw -= share
@@ -92,7 +87,7 @@ def stored(config: CollectConfig, chunks: Path) -> Iterator[Demonstration]:
 
 
 def _chunks(config: CollectConfig) -> list[range]:
-    end = config.seed_start + config.episodes
+    end = config.seed_start + config.count
     return [
         range(start, min(start + EPISODES_PER_CHUNK, end))
         for start in range(config.seed_start, end, EPISODES_PER_CHUNK)

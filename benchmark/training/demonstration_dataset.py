@@ -13,31 +13,29 @@ from lerobot.utils.constants import OBS_ENV_STATE, OBS_IMAGE
 
 from benchmark.settings.robot_config import SOURCE
 from benchmark.training.demonstration import Demonstration
-from envs.block_push.task import BLOCK_PUSH
+from envs.task import Task
 from richmap.progress import progress_bar
-from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
-
-FPS = 10
-"""Control steps per second."""
+from richmap.task_spaces.task_space import TaskSpace
 
 
-def write_dataset(episodes: Iterable[Demonstration], root: Path, total: int, image_size: int = 0) -> None:
+def write_dataset(episodes: Iterable[Demonstration], root: Path, task: Task, total: int, image_size: int = 0) -> None:
     """Writes a LeRobotDataset (v3.0), with the observation split as the environments' dict form splits it.
 
     Args:
         episodes: Each is a demonstration.
         root: Folder that it goes to, which is not there yet.
+        task: What is demonstrated.
         total: Number of episodes.
         image_size: Width and height of the episodes' pictures, in pixels, which are stored as video in place of the
-            state of blocks and targets; 0 for none.
+            environment's state; 0 for none.
     """
     datasets.disable_progress_bars()
     os.environ.setdefault("SVT_LOG", "1")  # Encoders tell errors alone.
     av.logging.set_level(av.logging.ERROR)
     dataset = LeRobotDataset.create(
         f"local/{root.name}",
-        FPS,
-        _features(image_size),
+        task.control_frequency,
+        _features(task.space, image_size),
         root=root,
         robot_type=SOURCE,
         use_videos=image_size > 0,
@@ -45,7 +43,7 @@ def write_dataset(episodes: Iterable[Demonstration], root: Path, total: int, ima
     )
     with progress_bar() as progress:
         for episode in progress.track(episodes, total=total, description="Writing dataset"):
-            for frame in _frames(episode):
+            for frame in _frames(episode, task):
                 dataset.add_frame(frame)
             dataset.save_episode()
     dataset.finalize()
@@ -53,13 +51,13 @@ def write_dataset(episodes: Iterable[Demonstration], root: Path, total: int, ima
     statistics.write_text(json.dumps(json.loads(statistics.read_text()), indent=4, sort_keys=True))
 
 
-def _features(image_size: int) -> dict[str, dict]:
+def _features(space: TaskSpace, image_size: int) -> dict[str, dict]:
     picture = {"dtype": "video", "shape": (image_size, image_size, 3), "names": ["height", "width", "channels"]}
-    scene = _feature(BLOCK_PUSH_SPACE.environment.names)
+    scene = _feature(space.environment.names)
     return {
-        "observation.state": _feature(BLOCK_PUSH_SPACE.state.names),
+        "observation.state": _feature(space.state.names),
         **({OBS_IMAGE: picture} if image_size else {OBS_ENV_STATE: scene}),
-        "action": _feature(BLOCK_PUSH_SPACE.action.names),
+        "action": _feature(space.action.names),
         "next.reward": _feature(["reward"]),
         "next.success": _feature(["success"], "bool"),
         "next.done": _feature(["done"], "bool"),
@@ -72,9 +70,9 @@ def _feature(names: list[str], dtype: str = "float32") -> dict:
     return {"dtype": dtype, "shape": (len(names),), "names": names}
 
 
-def _frames(episode: Demonstration) -> Iterator[dict]:
+def _frames(episode: Demonstration, task: Task) -> Iterator[dict]:
     last = len(episode.actions) - 1
-    for i, (state, environment) in enumerate(zip(*BLOCK_PUSH_SPACE.split(episode.observations), strict=True)):
+    for i, (state, environment) in enumerate(zip(*task.space.split(episode.observations), strict=True)):
         yield {
             "observation.state": state,
             **({OBS_ENV_STATE: environment} if episode.pictures is None else {OBS_IMAGE: episode.pictures[i]}),
@@ -84,5 +82,5 @@ def _frames(episode: Demonstration) -> Iterator[dict]:
             "next.done": np.array([i == last]),
             "kind": episode.kind,
             "seed": np.array([episode.seed]),
-            "task": BLOCK_PUSH.description,
+            "task": task.description,
         }

@@ -1,55 +1,90 @@
-"""Which demonstrations the oracle gives: how many, and how they are disturbed."""
+"""Which demonstrations a task's scripted expert gives: how many, and how they are disturbed."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 
 from benchmark.settings.command import check_setting
 from benchmark.settings.paths import check_folder
 from benchmark.settings.scenes import check_scenes
+from benchmark.settings.setting import SettingError
+from benchmark.settings.task import chosen_task
+from envs.demonstrator import Demonstrator
 
 
 @dataclass
 class CollectConfig:
-    """Which demonstrations the oracle gives; with all shares 0 clean ones alone, like the published data."""
+    """Which demonstrations the expert gives; with all shares 0 clean ones alone, like the published data."""
 
-    episodes: int = 1000
-    """Number of demonstrations; the disturbed ones are all successful, the clean ones as they come."""
+    task: str = "block_push"
+    """What is demonstrated: block_push or press_buttons."""
+    episodes: int | None = None
+    """Number of demonstrations; the disturbed ones are all successful, the clean ones as they come. None for the usual
+    number, 1000 of block_push and 2500 of press_buttons."""
     seed_start: int = 0
-    """Seed of the first episode's scene; seeds 0 to 999 are for demonstrations."""
-    share_noise: float = 0.2
-    """Share of episodes with Gaussian noise on the executed action now and then."""
-    share_bursts: float = 0.35
-    """Share of episodes with that noise, and bursts of a few steps in a wrong direction."""
-    share_wide: float = 0.25
-    """Share of episodes like the last kind that also start from scenes all over the table."""
-    share_crowded: float = 0.1
-    """Share of episodes like the last kind but with a block in or at a target, and other things close by."""
+    """Seed of the first episode's scene; seeds below 50000 are for demonstrations."""
+    shares: dict[str, float] = field(default_factory=dict)
+    """Share of episodes of a kind, as in shares='{noise:0.5,bursts:0}'; what is not named is as usual, and the rest is
+    clean. noise: noise on the executed action now and then (usually 0.2); bursts: and a few steps in a wrong direction
+    (block_push 0.35, press_buttons 0.4); wide: like bursts, and from scenes all over the table (block_push 0.25);
+    crowded: like bursts, with a block in or at a target, and other things close by (block_push 0.1); shown: like
+    bursts, with buttons shown as pressed that are not (press_buttons 0.2)."""
     burst_probability: float = 0.03
     """Chance per step that a burst begins, in the kinds that have bursts."""
     detours: bool = True
-    """Whether the oracle's ways between pushes bend around blocks, but in clean episodes; its own are straight."""
+    """Whether ways between pushes bend around blocks, but in clean episodes; the oracle's own are straight."""
     image_size: int = 0
-    """Width and height of pictures, in pixels from 8 to 2048, that are stored as video in place of the state of blocks
-    and targets, as in image_size=96; 0 for none. benchmark.train learns from states alone."""
-    output_dir: str = "demonstrations/robust"
-    """Folder of the dataset."""
+    """Width and height of pictures, in pixels from 8 to 2048, that are stored as video in place of the environment's
+    state, as in image_size=96; 0 for none. benchmark.train learns from states alone."""
+    output_dir: str | None = None
+    """Folder of the dataset; None for demonstrations/<task>."""
     workers: int = 2
     """Processes that simulate; the data do not depend on it."""
 
     def __post_init__(self) -> None:
-        for name in ("episodes", "workers"):
-            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
-        check_scenes(self.seed_start, self.episodes)
-        check_folder(self.output_dir)
-        shares = ("share_noise", "share_bursts", "share_wide", "share_crowded")
-        for name in (*shares, "burst_probability"):
-            check_setting(0 <= getattr(self, name) <= 1, name, getattr(self, name), "a number from 0 to 1")
+        for name, value in {"episodes": self.count, "workers": self.workers}.items():
+            check_setting(value >= 1, name, value, "a whole number >= 1")
+        check_scenes(self.seed_start, self.count)
+        check_folder(self.folder)
+        kinds = [name for name, _ in self.demonstrator.kinds]
+        unknown = ", ".join(self.shares.keys() - kinds)
+        check_setting(not unknown, "shares", unknown, f"kinds of {self.task}: {', '.join(kinds)}")
+        shown = {"burst_probability": self.burst_probability} | {f"shares.{k}": v for k, v in self.of_kinds.items()}
+        for name, value in shown.items():
+            check_setting(0 <= value <= 1, name, value, "a number from 0 to 1")
         drawn = self.image_size == 0 or 8 <= self.image_size <= 2048
         check_setting(drawn, "image_size", self.image_size, "a whole number of pixels from 8 to 2048, or 0 for none")
-        total = sum(getattr(self, name) for name in shares)
-        check_setting(total <= 1 + 1e-9, " + ".join(shares), total, "a sum of 1 at most; the rest is clean")
+        total = sum(self.of_kinds.values())
+        check_setting(total <= 1 + 1e-9, "shares", total, "a sum of 1 at most; the rest is clean")
+
+    @property
+    def demonstrator(self) -> Demonstrator:
+        """The task's.
+
+        Raises:
+            SettingError: If it has none.
+        """
+        demonstrator = chosen_task(self.task).demonstrator
+        if demonstrator is None:
+            raise SettingError(f"task={self.task}: it gives no demonstrations (envs.task.Task.demonstrator).")
+        return demonstrator
+
+    @property
+    def count(self) -> int:
+        """`episodes`, or the usual number."""
+        return self.demonstrator.episodes if self.episodes is None else self.episodes
+
+    @property
+    def of_kinds(self) -> dict[str, float]:
+        """`shares` of all kinds."""
+        return {kind: float(self.shares.get(kind, share)) for kind, share in self.demonstrator.kinds}
+
+    @property
+    def folder(self) -> str:
+        """`output_dir`, or the usual one."""
+        return f"demonstrations/{self.task}" if self.output_dir is None else self.output_dir
 
     @property
     def recipe(self) -> dict[str, object]:
         """What decides the data: everything but where they are stored and how many processes work."""
         without = {"output_dir", "workers"} | ({"image_size"} if not self.image_size else set())
-        return {key: value for key, value in asdict(self).items() if key not in without}
+        settled = {**asdict(self), "episodes": self.count, "shares": self.of_kinds}
+        return {key: value for key, value in settled.items() if key not in without}

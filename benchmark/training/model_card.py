@@ -15,17 +15,15 @@ datasets: [{dataset}]
 
 # Source policy `{name}`
 
-A guided diffusion policy (LeRobot policy type `guided_push`) for pushing two blocks into two targets with the
-{robot}, from states. The weights are the exponential moving average over training.
+*{task}* A guided diffusion policy (LeRobot policy type `guided_push`) of the {robot}, from states. The weights are the
+exponential moving average over training.
 
 - Demonstrations: {episodes} episodes of the scripted oracle, {frames} frames: {kinds}.
-  Labels are always the oracle's actions. In all kinds but `clean` another action is executed now and then, and the
-  oracle's ways between pushes bend around blocks (setting `detours`); `wide` starts from scenes all over the table,
-  `crowded` from ones with a block at a target: those are not the task's published demonstrations.
+  Labels are always the oracle's actions. In all kinds but `clean` another action is executed now and then
+  (`python -m benchmark.collect --help` says how): those are not the task's published demonstrations.
 - Augmentation: {augmentation}.
 - Training: {step} of {steps} steps of {batch_size} observations, seed {seed}, {precision} products on {device}.
-- Action unit: 1 in the network is {action_unit} m; actions lie between -1 and 1 (minimum -{action_unit} m,
-  maximum {action_unit} m on both axes).
+- Action units: 1 in the network is {units} (m or rad) in the numbers of an action, which lie between -1 and 1.
 - Commit: {commit}.
 - Sampler: {sampler} with {sampling_steps} of {training_levels} noise levels, {prediction} prediction.
 
@@ -46,7 +44,7 @@ policy = GuidedPushPolicy.from_pretrained("path/to/this/folder")
 
 Or evaluate it with LeRobot, which finds the type itself where the project is installed:
 
-    lerobot-eval --policy.path=<this folder> --env.type=guided_push --env.task=BlockPush-xArm6-v0 \\
+    lerobot-eval --policy.path=<this folder> --env.type=guided_push --env.task={environment} \\
         --eval.n_episodes=50 --seed=50000
 
 Licence: MIT, like the code that made it.

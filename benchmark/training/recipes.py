@@ -17,8 +17,15 @@ class Recipe:
     """Fields of `GuidedPushConfig` that differ from its defaults."""
 
 
-CLEAN = CollectConfig(share_noise=0, share_bursts=0, share_wide=0, share_crowded=0, output_dir="demonstrations/clean")
+CLEAN = CollectConfig(
+    shares={"noise": 0, "bursts": 0, "wide": 0, "crowded": 0}, output_dir="demonstrations/block_push_clean"
+)
 
+
+POLICIES: Mapping[str, Mapping[str, Any]] = {
+    "press_buttons": {"n_obs_steps": 1, "horizon": 8, "trunk_width": 256, "head_width": 192, "head_blocks": 3},
+}
+"""Fields of `GuidedPushConfig` that differ from its defaults, by task."""
 
 MADE_BY = {
     USUAL: Recipe(CollectConfig()),

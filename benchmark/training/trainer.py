@@ -11,8 +11,10 @@ from benchmark.artifacts.alone import alone
 from benchmark.settings.command import SettingError, check_setting
 from benchmark.settings.config import WandbConfig
 from benchmark.settings.paths import check_folder
+from benchmark.settings.task import chosen_task
 from benchmark.training.collection import collect, digest
 from benchmark.training.demonstration_recipe import CollectConfig
+from benchmark.training.recipes import POLICIES
 
 if TYPE_CHECKING:
     from accelerate import Accelerator
@@ -123,7 +125,9 @@ def _pipeline(config: TrainConfig, root: Path) -> "TrainPipelineConfig":
 
     from policies.configuration_guided_push import GuidedPushConfig
 
-    policy = GuidedPushConfig(device=config.device, **config.policy)
+    task = config.demonstrations.task
+    given = {**POLICIES.get(task, {}), **config.policy}
+    policy = GuidedPushConfig(device=config.device, space=chosen_task(task).space, **given)
     return TrainPipelineConfig(
         DatasetConfig(f"local/{root.name}", root=str(root), video_backend="pyav"),
         policy=policy,
@@ -225,7 +229,9 @@ def _publish(
         "kinds": ", ".join(f"{count} {kind}" for kind, count in demonstrations.kinds.items()),
         "step": step,
         "augmentation": _augmentation(policy),
-        "action_unit": policy.action_unit,
+        "task": chosen_task(config.demonstrations.task).description,
+        "units": ", ".join(f"{unit:g}" for unit in policy.action_units),
+        "environment": config.demonstrations.demonstrator.environment,
         "sampler": policy.noise_scheduler_type,
         "sampling_steps": policy.num_inference_steps,
         "training_levels": policy.num_train_timesteps,
@@ -239,7 +245,7 @@ def _publish(
 
 def _augmentation(policy: "GuidedPushConfig") -> str:
     kinds = {
-        "the task's exact permutations of blocks and targets": policy.permute,
+        "the task's exact permutations of things that are alike": policy.permute,
         f"the effector displaced by {1000 * policy.displacement:g} mm per axis": policy.displacement > 0,
     }
     return ", ".join(kind for kind, used in kinds.items() if used) or "none"

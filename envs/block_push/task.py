@@ -7,12 +7,13 @@ import gymnasium
 import numpy as np
 
 from envs import BLOCK_PUSH as BLOCK_PUSH_ID
-from envs import MAX_EPISODE_STEPS
+from envs import ENVIRONMENTS, MAX_EPISODE_STEPS
 from envs.arm.control import CONTROL_FREQUENCY
 from envs.block_push.failure import CAUSES
 from envs.block_push.outcome import EpisodeOutcome, summarize
 from envs.block_push.scene import draw_scene
 from envs.block_push.workspace import DESCRIPTION, HEIGHT, POSES, WORKSPACE
+from envs.demonstrator import Demonstrator
 from envs.task import Change, Controller, Score, Task, Trait
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
@@ -44,6 +45,13 @@ def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
 
     table = table_feasibility(arm, SPACING, WORKSPACE, HEIGHT)
     return lambda info: _acting_on_dict(AwareOracle(table, info["mode"]))
+
+
+def demonstrate(*how: Any) -> Any:
+    """`envs.block_push.demonstrator.play`."""
+    from envs.block_push.demonstrator import play
+
+    return play(*how)
 
 
 def _acting_on_dict(oracle: Callable[[np.ndarray], np.ndarray]) -> Controller:
@@ -96,6 +104,12 @@ BLOCK_PUSH = Task(
     ),
     plain_oracle=plain_oracle,
     aware_oracle=aware_oracle,
+    demonstrator=Demonstrator(
+        ENVIRONMENTS["xarm6"],
+        kinds=(("noise", 0.2), ("bursts", 0.35), ("wide", 0.25), ("crowded", 0.1)),
+        episodes=1000,
+        play=demonstrate,
+    ),
     shows_pictures=True,
     plan=("first_block", "first_target"),
     traits=(

@@ -31,7 +31,7 @@ HOVER = 0.05
 """Where the expert waits in front of a button until the rod is turned to it, in [m]; so far it leaves it, too."""
 DEPTH = 0.016
 """How far it leads the tip into a button, in [m]."""
-FUNNEL, OPENING = 0.004, 0.25
+FUNNEL, OPENING = 0.008, 0.25
 """It goes in while the tip is no farther beside the axis than the first, in [m], and this share of its height."""
 FUNNEL_ANGLE, OPENING_ANGLE = 0.08, 3.0
 """And while the rod is turned by no more than the first, in [rad], and so much per height, in [rad/m]."""
@@ -181,6 +181,56 @@ def lead(tip, approach, places, normals, last, goal, action):
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
+def advance(frames, lower, upper, weight, q, tip, approach, measured, pointing, places, normals, pressed, action, work):
+    """A control step of an arm that is always where its inverse kinematics says: all but the first four, the buttons
+    and the action changes in place. Gives the last button that this step pressed, or -1."""
+    n, last = len(q), -1
+    scratch, rotation, turned = work[: 4 * n + 16], work[4 * n + 16 : 4 * n + 19, :3], work[4 * n + 19 : 4 * n + 22, :3]
+    move(tip, approach, action)
+    keep_near(tip, approach, measured, pointing)
+    follow(frames, lower, upper, weight, q, tip, approach, rotation, scratch)
+    forward(frames, q, measured, turned)
+    pointing[:] = turned[:, 2]
+    keep_near(tip, approach, measured, pointing)
+    for i in range(len(places)):
+        height, _ = at_button(measured, places[i], normals[i])
+        if not pressed[i] and counts(-height, measured, pointing, places[i], normals[i]):
+            pressed[i], last = True, i
+    return last
+
+
+@numba.njit(cache=True, nogil=True)
+@no_type_check
+def advance_all(
+    frames, lower, upper, weight, q, tip, approach, measured, pointing, places, normals, pressed, last, actions, going
+):
+    """`advance` of several arms at once, a row each, of those that are still going; `last` changes, too."""
+    work = np.zeros((4 * q.shape[1] + 22, 6))
+    for i in range(len(q)):
+        if going[i]:
+            new = advance(
+                frames, lower, upper, weight, q[i], tip[i], approach[i], measured[i], pointing[i], places[i],
+                normals[i], pressed[i], actions[i], work,
+            )  # fmt: skip
+            if new >= 0:
+                last[i] = new
+
+
+@numba.njit(cache=True, nogil=True)
+@no_type_check
+def advance_ideal(tip, approach, places, normals, pressed, last, actions, going):
+    """The same of arms that are always where they are told to be."""
+    for i in range(len(tip)):
+        if going[i]:
+            move(tip[i], approach[i], actions[i])
+            for k in range(len(places[i])):
+                height, _ = at_button(tip[i], places[i, k], normals[i, k])
+                if not pressed[i, k] and counts(-height, tip[i], approach[i], places[i, k], normals[i, k]):
+                    pressed[i, k], last[i] = True, k
+
+
+@numba.njit(cache=True, nogil=True)
+@no_type_check
 def play(frames, lower, upper, weight, start, places, normals, first, second, joints):
     """An episode of the scripted expert on an arm without dynamics or contact.
 
@@ -188,25 +238,20 @@ def play(frames, lower, upper, weight, start, places, normals, first, second, jo
     Gives how many steps were made, and whether both buttons were pressed.
     """
     n, q = len(start), start.copy()
-    work, rotation, turned = np.empty((4 * n + 16, 6)), np.zeros((3, 3)), np.empty((3, 3))
+    work, turned = np.zeros((4 * n + 22, 6)), np.empty((3, 3))
     measured, action, pressed = np.empty(3), np.empty(6), np.zeros(len(places), dtype=np.bool_)
     joints[0] = q
     forward(frames, q, measured, turned)
-    tip, approach = measured.copy(), turned[:, 2].copy()
+    pointing = turned[:, 2].copy()
+    tip, approach = measured.copy(), pointing.copy()
     last, lost = -1, 0
     for k in range(1, len(joints)):
         lead(tip, approach, places, normals, last, second if pressed[first] else first, action)
-        move(tip, approach, action)
-        keep_near(tip, approach, measured, turned[:, 2].copy())
-        follow(frames, lower, upper, weight, q, tip, approach, rotation, work)
+        new = advance(
+            frames, lower, upper, weight, q, tip, approach, measured, pointing, places, normals, pressed, action, work
+        )
+        last = new if new >= 0 else last
         joints[k] = q
-        forward(frames, q, measured, turned)
-        pointing = turned[:, 2].copy()
-        keep_near(tip, approach, measured, pointing)
-        for i in range(len(places)):
-            height, _ = at_button(measured, places[i], normals[i])
-            if not pressed[i] and counts(-height, measured, pointing, places[i], normals[i]):
-                pressed[i], last = True, i
         if pressed[first] and pressed[second]:
             return k, True
         missing = tip - measured

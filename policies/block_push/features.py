@@ -3,11 +3,18 @@
 Observations are in the task's layout (`richmap.task_spaces.block_push`): `state` and `environment`.
 """
 
+from typing import TYPE_CHECKING
+
 import torch
 from jaxtyping import Bool, Float
-from torch import Tensor
+from torch import Tensor, nn
 
+from policies.denoiser import Trunk
+from policies.multiscale import at_scales
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE, START
+
+if TYPE_CHECKING:
+    from policies.configuration_guided_push import GuidedPushConfig
 
 STATE, SCENE = BLOCK_PUSH_SPACE.state, BLOCK_PUSH_SPACE.environment
 OBJECTS = ("block", "block2", "target", "target2")
@@ -68,10 +75,10 @@ def observation_features(
     to_target = targets[:, None] - block[:, :, None]  # (b, block, target, 2)
     centre, start = tool.new_tensor(TABLE_CENTRE), tool.new_tensor(START)
     relative = [
-        *_scales(block - tool, FAR, NEAR, TOUCHING),
-        *_scales(targets - tool, FAR, NEAR),
-        *_scales(start - tool, FAR, NEAR, TOUCHING),
-        *_scales(to_target, FAR, NEAR),
+        *at_scales(block - tool, FAR, NEAR, TOUCHING),
+        *at_scales(targets - tool, FAR, NEAR),
+        *at_scales(start - tool, FAR, NEAR, TOUCHING),
+        *at_scales(to_target, FAR, NEAR),
     ]
     groups = [
         (torch.cat([tool, block, targets], dim=1) - centre) / FAR,
@@ -87,16 +94,8 @@ def observation_features(
     return torch.cat([group.flatten(1) for group in groups], dim=1)
 
 
-def feature_count(n_obs_steps: int) -> int:
-    """Length of `observation_features` for that many observations."""
-    seen = (torch.zeros(1, n_obs_steps, layout.width) for layout in (STATE, SCENE))
-    return observation_features(*seen).shape[1]
-
-
-def _scales(offset: Tensor, far: float, *near: float) -> list[Tensor]:
-    """An offset in units of the largest scale, and squashed at the smaller ones.
-
-    In double precision: single is MKL's, which rounds by the processor's approximate reciprocals (`_sinusoids` and the
-    sampler's square roots likewise).
-    """
-    return [offset / far, *((offset / scale).double().tanh().to(offset) for scale in near)]
+def make_trunk(config: "GuidedPushConfig", outputs: int) -> nn.Module:
+    """What reads the features, and gives so many numbers."""
+    seen = (torch.zeros(1, config.n_obs_steps, layout.width) for layout in (STATE, SCENE))
+    count = observation_features(*seen).shape[1]
+    return Trunk(count, config.trunk_width, config.trunk_blocks, outputs)

@@ -31,7 +31,7 @@ def trainings(folder: Path, device: str, threads: int) -> list[TrainConfig]:
     ]  # fmt: skip
 
 
-def collect(assets: str, folder: Path, workers: int, episodes: int = CLEAN.episodes) -> Path:
+def collect(assets: str, folder: Path, workers: int, episodes: int = CLEAN.count) -> Path:
     """The demonstrations of seeds 0 to 999, failed ones included, collected if they are not there; gives their folder.
 
     They are stored as `benchmark.collect` stores its own, so that training takes them.
@@ -45,7 +45,7 @@ def collect(assets: str, folder: Path, workers: int, episodes: int = CLEAN.episo
     partial = root.with_name(f".{root.name}.tmp")
     shutil.rmtree(partial, ignore_errors=True)
     config = replace(CLEAN, episodes=episodes)
-    write_dataset(_played(assets, range(episodes), workers), partial, episodes)
+    write_dataset(_played(assets, range(episodes), workers), partial, BLOCK_PUSH, episodes)
     about = {
         "recipe": config.recipe,
         "episode_version": BLOCK_PUSH.episode_version("embodied"),
@@ -65,7 +65,7 @@ def _played(assets: str, seeds: range, workers: int) -> Iterator:
 def _demonstrate(assets: str, seed: int):
     from benchmark.training.demonstration import demonstrate
 
-    return demonstrate(_source(assets), seed, "clean")
+    return demonstrate(CLEAN.demonstrator, _source(assets), seed, "clean")
 
 
 @cache

@@ -1,0 +1,1 @@
+"""What is particular to pressing buttons: the features that the denoiser sees."""
