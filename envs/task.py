@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 
 from envs.arm.task_poses import TaskPoses
+from envs.demonstrator import Demonstrator
 from richmap.task_spaces.task_space import TaskSpace
 
 type Controller = Callable[[dict[str, np.ndarray]], np.ndarray]
@@ -103,6 +104,10 @@ class Task:
     """The scripted expert that knows nothing of its arm: the reference."""
     aware_oracle: OracleOnArm | None = None
     """The one that knows what its arm can do: the ceiling."""
+    demonstrator: Demonstrator | None = None
+    """How the plain one gives demonstrations to learn from (`benchmark.collect`)."""
+    model: Callable[[Any], Any] | None = None
+    """What methods imagine episodes with on an arm (`policies.episode_model.EpisodeModel`): no simulator."""
     shows_pictures: bool = False
     """Whether `make` takes `picture`, so that policies that see pictures can be evaluated."""
     plan: tuple[str, ...] = ()

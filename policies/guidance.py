@@ -1,16 +1,20 @@
 """Guidance: what is done to the sampling of a diffusion policy, so that it acts elsewhere."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar, final
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+type Sample = Callable[[dict[str, Tensor], Tensor], Tensor]
+"""Chunks of the unguided policy for a batch of observations, `observation.state` and `observation.environment_state`,
+given the noise of each row."""
+
 
 class Guidance(ABC):
-    """What a method may do to the sampling of a chunk of actions: five places to act, and word of new episodes.
+    """What a method may do to the sampling of a chunk of actions: six places to act, and word of new episodes.
 
     An interface: a method says what it is made of (`__init__`) and takes the places that it needs. A place that it does
     not take leaves the policy alone there, as `Unguided` does everywhere.
@@ -37,6 +41,11 @@ class Guidance(ABC):
 
     def reset(self, rows: Sequence[int] | None) -> None:  # noqa: B027 (a place that a method need not take)
         """New episodes begin in these rows of the batch; None for all. Whoever remembers something forgets it here."""
+
+    def noise(self, batch: dict[str, Tensor], noise: Float[Tensor, "b ..."], sample: Sample) -> Tensor:
+        """The noise that each row's chunk is sampled from, given what is seen, the noise that was drawn, and the policy
+        to try others with."""
+        return noise
 
     def imagine(self, environment: Float[Tensor, "b t rest"], state: Float[Tensor, "b state"]) -> Tensor:
         """The scenes that the policy is shown in place of the real ones: `observation.environment_state`, of the same

@@ -14,7 +14,7 @@ from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 from torch import Tensor
 
 from policies.configuration_guided_push import GuidedPushConfig
-from policies.denoiser import DenoisingHead, Trunk
+from policies.denoiser import DenoisingHead
 from policies.guidance import Guidance, Unguided
 
 
@@ -31,12 +31,9 @@ class GuidedDiffusion(DiffusionModel):
         self.unet = DenoisingHead(
             horizon, action_dim, config.head_width, config.head_blocks, config.num_train_timesteps
         )
-        self.trunk = Trunk(
-            self.features.feature_count(config.n_obs_steps),
-            config.trunk_width,
-            config.trunk_blocks,
-            self.unet.n_modulations,
-        )
+        self.trunk = self.features.make_trunk(config, self.unet.n_modulations)
+        self.units: Tensor
+        self.register_buffer("units", torch.tensor(config.action_units), persistent=False)
         self.eta = 1.0 if config.noise_scheduler_type == "DDPM" else 0.0
         self.noise_scheduler = DDIMScheduler(
             num_train_timesteps=config.num_train_timesteps,
@@ -66,6 +63,8 @@ class GuidedDiffusion(DiffusionModel):
         """Sampled actions from the current step on; `noise` holds that of all samples, one after another."""
         guidance = guidance or Unguided()
         state, samples = batch[OBS_STATE][:, -1], guidance.samples
+        if noise is not None:
+            noise = guidance.noise(batch, noise, lambda seen, drawn: self.generate_actions(seen, drawn))
         batch = {**batch, OBS_ENV_STATE: guidance.imagine(batch[OBS_ENV_STATE], state)}
         condition = self._prepare_global_conditioning(batch).repeat_interleave(samples, dim=0)
         if noise is not None and samples > 1:
@@ -74,7 +73,7 @@ class GuidedDiffusion(DiffusionModel):
         push = guidance.push(states)
         descent = (lambda actions: guidance.descent(actions, states)) if guidance.looks_ahead else None
         actions = self.conditional_sample(len(condition), condition, noise=noise, push=push, descent=descent)
-        chunks = (actions * self.config.action_unit).unflatten(0, (-1, samples))
+        chunks = (actions * self.units).unflatten(0, (-1, samples))
         chunk = guidance.correct(guidance.choose(chunks, state), state)
         return chunk[:, : self.config.n_action_steps]
 
@@ -131,13 +130,12 @@ class GuidedDiffusion(DiffusionModel):
     ) -> Float[Tensor, "b t action"]:
         """Predicted noise with the clean actions it stands for moved down the slope of what they lead to.
 
-        The slope is taken at the actions as the sampler clips them; per normalised unit it is `action_unit` times
-        that per metre.
+        The slope is taken at the actions as the sampler clips them; per normalised unit it is `action_units` times
+        that per metre or radian.
         """
         alpha = self.noise_scheduler.alphas_cumprod[t]
         clean = (sample - (1 - alpha).sqrt() * output) / alpha.sqrt()
-        unit = self.config.action_unit
-        step = unit * descent(clean.clamp(-1, 1) * unit)
+        step = self.units * descent(clean.clamp(-1, 1) * self.units)
         return output + (alpha / (1 - alpha)).sqrt() * step
 
     def compute_loss(self, batch: dict[str, Any]) -> Tensor:
@@ -155,7 +153,7 @@ class GuidedDiffusion(DiffusionModel):
             batch = {**batch, OBS_STATE: state, ACTION: action}
         draws = self.config.noise_draws
         condition = self._prepare_global_conditioning(batch).repeat_interleave(draws, dim=0)
-        clean = (batch[ACTION] / self.config.action_unit).clamp(-1, 1).repeat_interleave(draws, dim=0)
+        clean = (batch[ACTION] / self.units).clamp(-1, 1).repeat_interleave(draws, dim=0)
         noise = torch.randn_like(clean)
         level = torch.randint(self.config.num_train_timesteps, (len(clean),), device=clean.device)
         noisy = self.noise_scheduler.add_noise(clean, noise, level)

@@ -27,13 +27,16 @@ class Method:
     text: str
     """What it does, in a few words."""
     field: str | None
-    """What it looks at: `energy` (similarity to the source), `feasibility` (what the arm can hold), or None."""
+    """What it looks at: `energy` (similarity to the source), `feasibility` (what the arm can hold), `coverage` (the
+    approach directions that the arm's map has at each place), or None."""
     scale: str
     """What its scale, `lambda`, is, with its unit."""
     first: float
     """Smallest scale that is tried, at which it does next to nothing."""
     counts: bool = False
     """Whether the scale is a whole number."""
+    imagines: bool = False
+    """Whether it needs a model of the task's episodes on the arm (`envs.task.Task.model`)."""
 
     def scales(self, points: int) -> list[float]:
         """The scales that are tried, smallest first, each twice the one before."""
@@ -63,6 +66,11 @@ class Method:
                 f"Guidance {self.name!r} needs a field of {self.field}, {FIELDS[self.field].__name__}. "
                 f"Got {type(given.field).__name__}."
             )
+        if self.imagines and given.model is None:
+            raise ValueError(
+                f"Guidance {self.name!r} imagines episodes, with a model of the task on the arm. benchmark.run brings "
+                "one, and a checkpoint alone does not."
+            )
         if self.counts and (given.scale < 1 or given.scale != int(given.scale)):
             raise ValueError(f"The scale of {self.name!r} is a number of samples, 1 or more. Got {given.scale}.")
 
@@ -82,6 +90,7 @@ _SLOPE = "how much of the energy's slope, in [1/m], is added to the noise, in no
 _BORDER = "push at the border of what the arm can hold, in normalised action units"
 _RADIAL = "push, the same everywhere, in normalised action units"
 _SAMPLES = "number of chunks sampled, of which the best is taken"
+_PLANS = "number of episodes imagined at once"
 _DESCENT = "descent of the normalised clean actions per unit of the cost's slope along the chunk"
 
 METHODS = {
@@ -200,6 +209,26 @@ METHODS = {
             field="feasibility",
             scale="how far inside the border a push must keep the tool, in [m], to be made first",
             first=0.0025,
+        ),
+        Method(
+            name="plan_by_map",
+            entry_point="policies.plan_choice:plan_by_map",
+            text="of several imagined episodes the one that the arm's map covers best",
+            field="coverage",
+            scale=_PLANS,
+            first=2.0,
+            counts=True,
+            imagines=True,
+        ),
+        Method(
+            name="plan_on_arm",
+            entry_point="policies.plan_choice:plan_on_arm",
+            text="of several imagined episodes one that the arm's kinematic twin can carry out",
+            field=None,
+            scale=_PLANS,
+            first=2.0,
+            counts=True,
+            imagines=True,
         ),
     )
 }

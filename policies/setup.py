@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from policies.episode_model import EpisodeModel
 from richmap.similarity.load_field import StoredField
 from richmap.task_spaces.task_space import TaskSpace
 
@@ -20,3 +21,5 @@ class Setup:
     """Of what is random."""
     space: TaskSpace
     """The task's numbers, and what its actions do to the flange."""
+    model: EpisodeModel | None = None
+    """What episodes on the arm are imagined with, if the method does so."""

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 MAKERS = {
     "energy": "benchmark.artifacts.maps:arm_energy_field",
     "feasibility": "benchmark.artifacts.distance_field:distance_field",
+    "coverage": "benchmark.artifacts.maps:arm_coverage",
 }
 """What makes each kind (`policies.methods.Method.field`): called with the arm, settings of maps and of the energy, the
 number of processes, and the console, it gives the field and its file."""

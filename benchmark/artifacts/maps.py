@@ -1,6 +1,6 @@
 """Maps."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from envs.arm.placed_arm import PlacedArm
     from richmap.maps.reachability_map import ReachabilityMap
     from richmap.robots.robot import RobotDescription
+    from richmap.similarity.directional import DirectionalCoverage
     from richmap.similarity.energy import EnergyField
 
 FIELD_VERSION = 1
@@ -133,3 +134,31 @@ def energy_field(
             return EnergyField.from_similarity(grid, EnergySettings(**choices), about)
 
     return cached(f"fields/{SOURCE}-{target.name}-{key[:16]}.safetensors", EnergyField.load, build)
+
+
+def arm_coverage(
+    arm: "PlacedArm", map_config: MapConfig, _energy: EnergyConfig, workers: int, console: Console
+) -> tuple["DirectionalCoverage", Path]:
+    """Which approach directions an arm as it stands reaches where, by its map.
+
+    Returns:
+        The field, in the world frame, and its file in the cache.
+    """
+    from richmap.cache import cached, made_from
+    from richmap.maps.cached_map import MAP_VERSION
+    from richmap.similarity.directional import DirectionalCoverage
+
+    target, base = arm.as_mapped()
+    inputs = {
+        "field": "coverage",
+        "target": target.fingerprint,
+        "base": [x + 0.0 for x in base],  # No negative zero.
+        "map": asdict(map_config) | {"version": MAP_VERSION},
+    }
+    key = made_from(inputs, FIELD_VERSION)
+
+    def build() -> DirectionalCoverage:
+        made = DirectionalCoverage.from_map(robot_map(target, base, map_config, workers, console), base)
+        return replace(made, about={**made.about, "fingerprint": key})
+
+    return cached(f"fields/coverage-{target.name}-{key[:16]}.safetensors", DirectionalCoverage.load, build)

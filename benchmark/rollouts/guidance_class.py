@@ -128,6 +128,12 @@ def _checked(theirs: "Guidance", where: str, width: int) -> "Guidance":
         if not asked and getattr(type(theirs), name) is not getattr(Guidance, name):
             raise SettingError(f"{where}.{name} would never be asked. Give the class {way_out}.")
 
+    if type(theirs).noise is not Guidance.noise:
+        raise SettingError(
+            f"{where}.noise would never be asked: the process that runs a class of a file has no policy at hand. "
+            f"Places to act: {', '.join(PLACES[1:])}."
+        )
+
     def ask(name: str, shape: tuple[int, ...], *given: "Tensor", or_none: bool = False) -> "Tensor | None":
         try:
             answer = getattr(theirs, name)(*given)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from benchmark.rollouts.stock_policy import StockPolicy
     from envs.arm.placed_arm import PlacedArm
+    from policies.episode_model import EpisodeModel
     from policies.modeling_guided_push import GuidedPushPolicy
 
 
@@ -159,6 +160,8 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
     """The policy of a rollout, guided as its condition says, on the condition's device."""
     import policies.configuration_guided_push  # noqa: F401, registers our type
     from benchmark.rollouts.checked_policy import checked_config, checked_policy
+    from policies.setup import Setup
+    from richmap.similarity.load_field import load_field
 
     if Checkpoint(rollout.checkpoint).type != GUIDED:
         from benchmark.rollouts.stock_policy import StockPolicy
@@ -166,14 +169,20 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
         return StockPolicy(rollout.checkpoint, rollout.condition.device, rollout.shapes)
     config = checked_config(rollout.checkpoint, rollout.shapes)
     config.device = rollout.condition.device
-    if rollout.condition.method in METHODS:
-        config.guidance, config.guidance_scale = rollout.condition.method, rollout.condition.guidance_scale
+    method, scale = METHODS.get(rollout.condition.method), rollout.condition.guidance_scale
+    if method is not None and not method.imagines:
+        config.guidance, config.guidance_scale = method.name, scale
     config.guidance_base = rollout.arm.base[:2]
     config.guidance_seed = max(0, rollout.condition.training_seed)
     config.energy_field = None if rollout.field is None else str(rollout.field)
     config.noise_scheduler_type = rollout.condition.sampler
     config.num_inference_steps = rollout.condition.sampling_steps
     policy = checked_policy(rollout.checkpoint, config)
+    if method is not None and method.imagines:
+        field = None if rollout.field is None else load_field(rollout.field)
+        policy.guidance = method.make(
+            Setup(scale, field, config.guidance_base, config.guidance_seed, config.space, _model(rollout))
+        )
     if rollout.guidance is not None:
         policy.guidance = rollout.guidance.make(
             rollout.condition.guidance_scale,
@@ -183,6 +192,20 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
             config.space.action.width,
         )
     return policy.to(rollout.condition.device).eval()
+
+
+def _model(rollout: Rollout) -> "EpisodeModel":
+    """What episodes are imagined with.
+
+    Raises:
+        SettingError: If the task has nothing for it.
+    """
+    if rollout.task.model is None:
+        raise SettingError(
+            f"method={rollout.condition.method} imagines episodes, and {rollout.task.name} has no model to do that "
+            "with. Choose another method."
+        )
+    return rollout.task.model(rollout.arm)
 
 
 def _environment(rollout: Rollout, slot: int, render: bool) -> gymnasium.Env:

@@ -7,7 +7,9 @@ import gymnasium
 import numpy as np
 
 from envs import PRESS_BUTTONS as PRESS_BUTTONS_ID
+from envs import PRESS_BUTTONS_ENVIRONMENTS
 from envs.arm.control import CONTROL_FREQUENCY
+from envs.demonstrator import Demonstrator
 from envs.press_buttons.failure import CAUSES
 from envs.press_buttons.outcome import PressOutcome, summarize
 from envs.press_buttons.workspace import DESCRIPTION, MAX_EPISODE_STEPS, POSES
@@ -45,6 +47,20 @@ def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
 
     choose = aware_pair(arm)
     return lambda info: _acting_on_dict(Oracle(choose(info)))
+
+
+def model(arm: Any) -> Any:
+    """`envs.press_buttons.model.PressModel`."""
+    from envs.press_buttons.model import PressModel
+
+    return PressModel(arm)
+
+
+def demonstrate(*how: Any) -> Any:
+    """`envs.press_buttons.demonstrator.play`."""
+    from envs.press_buttons.demonstrator import play
+
+    return play(*how)
 
 
 def _acting_on_dict(oracle: Callable[[np.ndarray], np.ndarray]) -> Controller:
@@ -87,6 +103,13 @@ PRESS_BUTTONS = Task(
     history=(),
     plain_oracle=plain_oracle,
     aware_oracle=aware_oracle,
+    model=model,
+    demonstrator=Demonstrator(
+        PRESS_BUTTONS_ENVIRONMENTS["xarm6"],
+        kinds=(("noise", 0.2), ("bursts", 0.4), ("shown", 0.2)),
+        episodes=2500,
+        play=demonstrate,
+    ),
     shows_pictures=True,
     plan=("first_button", "second_button"),
     traits=(Trait("pressed_wrongly", "wrong presses", pressed_wrongly),),

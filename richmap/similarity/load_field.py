@@ -5,14 +5,16 @@ from pathlib import Path
 
 from richmap.files import FileRefusedError, reading, texts_of
 from richmap.geometry.grid import Grid
+from richmap.similarity.directional import DirectionalCoverage
 from richmap.similarity.energy import EnergyField
 from richmap.similarity.signed_distance import SignedDistanceField
 
-StoredField = EnergyField | SignedDistanceField
+StoredField = EnergyField | SignedDistanceField | DirectionalCoverage
 """What guidance may be made with."""
-FIELDS: dict[str, type[EnergyField] | type[SignedDistanceField]] = {
+FIELDS: dict[str, type[StoredField]] = {
     "energy": EnergyField,
     "feasibility": SignedDistanceField,
+    "coverage": DirectionalCoverage,
 }
 """By the name that settings and entries have for them."""
 

@@ -1,0 +1,159 @@
+"""What guidance may imagine with: a tool that goes where it is told, or an arm where its inverse kinematics says.
+
+No simulator: neither dynamics nor contact, but what an arm would touch on its way is known.
+"""
+
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from envs.arm.placed_arm import PlacedArm
+from envs.press_buttons.motion import advance_all, advance_ideal, follow
+from envs.press_buttons.scene import PAIRS
+from envs.press_buttons.twin import KinematicTwin, ToolKinematics
+from envs.press_buttons.workspace import MAX_EPISODE_STEPS
+from richmap.motion.kinematics import forward
+from richmap.task_spaces.press_buttons import BUTTONS, LAST, NORMAL, PLACE, PRESS_BUTTONS_SPACE, PRESSED, ROD
+
+STATE = PRESS_BUTTONS_SPACE.state
+
+
+class PressModel:
+    """Imagined episodes on an arm (`policies.episode_model.EpisodeModel`); without one the tool goes where it is told.
+
+    Args:
+        arm: The arm, as it stands.
+    """
+
+    steps = MAX_EPISODE_STEPS
+
+    def __init__(self, arm: PlacedArm | None) -> None:
+        self._arm = arm
+
+    def ideal(self) -> "PressModel":
+        """The same without an arm."""
+        return PressModel(None)
+
+    @cached_property
+    def _tool(self) -> ToolKinematics | None:
+        return None if self._arm is None else ToolKinematics(self._arm)
+
+    @cached_property
+    def _twin(self) -> KinematicTwin | None:
+        return None if self._arm is None else KinematicTwin(self._arm)
+
+    def start(self) -> Float[np.ndarray, " dof"]:
+        """Joint angles at the start of an episode, in [rad]; none without an arm."""
+        return np.empty(0) if self._tool is None else self._tool.start
+
+    def track(self, joints: Float[np.ndarray, " dof"], state: Float[np.ndarray, "12"]) -> Float[np.ndarray, " dof"]:
+        """Where the joints are now, in [rad], by where the tool is seen and where they were a step ago."""
+        tool, q = self._tool, joints.copy()
+        if tool is not None:
+            seen, rotation, work = state[STATE["tool"]], np.zeros((3, 3)), np.empty((4 * len(q) + 16, 6))
+            follow(
+                tool.frames, tool.lower, tool.upper, tool.weight, q, seen[:3].copy(), seen[3:].copy(), rotation, work
+            )
+        return q
+
+    def begin(
+        self,
+        joints: Float[np.ndarray, "n dof"],
+        state: Float[np.ndarray, "n 12"],
+        environment: Float[np.ndarray, "n 32"],
+    ) -> "ImaginedPresses":
+        """Episodes that go on from what is seen, a row each."""
+        return ImaginedPresses(self._tool, self._twin, joints, state, environment)
+
+    def showings(self, count: int) -> Bool[np.ndarray, "count 32"]:
+        """What plans are shown as 1 though it is not: nothing in the first half, then of each pair in turn the other
+        two buttons as pressed."""
+        hidden = np.zeros((count, BUTTONS, PRESS_BUTTONS_SPACE.environment.width // BUTTONS), dtype=bool)
+        pairs = [pair for pair in PAIRS if pair[0] < pair[1]]
+        for i in range(count // 2, count):
+            hidden[i, :, PRESSED] = ~np.isin(np.arange(BUTTONS), pairs[i % len(pairs)])
+        return hidden.reshape(count, -1)
+
+
+class ImaginedPresses:
+    """Several imagined episodes, a step at a time; see `policies.episode_model.Imagined`.
+
+    Attributes:
+        state, environment: What is seen, in the task's layout.
+    """
+
+    def __init__(
+        self,
+        tool: ToolKinematics | None,
+        twin: KinematicTwin | None,
+        joints: Float[np.ndarray, "n dof"],
+        state: Float[np.ndarray, "n 12"],
+        environment: Float[np.ndarray, "n 32"],
+    ) -> None:
+        self._tool, self._twin = tool, twin
+        self.state, self.environment = np.array(state, dtype=float), np.array(environment, dtype=float)
+        buttons = self.environment.reshape(len(joints), BUTTONS, -1)
+        self._places, self._normals = buttons[..., PLACE].copy(), buttons[..., NORMAL].copy()
+        self._pressed = buttons[..., PRESSED] > 0.5
+        self._last = np.where(buttons[..., LAST].any(1), buttons[..., LAST].argmax(1), -1)
+        self._joints, commanded = np.array(joints, dtype=float), self.state[:, STATE["commanded"]]
+        self._command, self._direction = commanded[:, :3].copy(), commanded[:, 3:].copy()
+        self._tip, self._approach = self._command, self._direction
+        if tool is not None:
+            self._tip, self._approach = self._command.copy(), self._direction.copy()
+            turned = np.empty((3, 3))
+            for q, tip, approach in zip(self._joints, self._tip, self._approach, strict=True):
+                forward(tool.frames, q, tip, turned)
+                approach[:] = turned[:, 2]
+        self._path = [self._now()]
+        self._ended = np.full(len(joints), -1)
+
+    def step(self, actions: Float[np.ndarray, "n 6"]) -> None:
+        """Let a control step pass in those that are going on."""
+        tool, given = self._tool, np.asarray(actions, dtype=float)
+        where = (self._places, self._normals, self._pressed, self._last, given, self.going)
+        if tool is None:
+            advance_ideal(self._command, self._direction, *where)
+        else:
+            advance_all(
+                tool.frames, tool.lower, tool.upper, tool.weight, self._joints, self._command, self._direction,
+                self._tip, self._approach, *where,
+            )  # fmt: skip
+        self._path.append(self._now())
+        self.state[:, STATE["tool"]] = np.hstack([self._tip, self._approach])
+        self.state[:, STATE["commanded"]] = np.hstack([self._command, self._direction])
+        buttons = self.environment.reshape(len(self.state), BUTTONS, -1)
+        buttons[..., PRESSED] = self._pressed
+        buttons[..., LAST] = np.arange(BUTTONS) == self._last[:, None]
+        self._ended[self.going & (self._pressed.sum(1) >= 2)] = len(self._path) - 1
+
+    def _now(self) -> Float[np.ndarray, "n numbers"]:
+        """Tip, approach direction and joints."""
+        return np.hstack([self._tip, self._approach, self._joints])
+
+    @property
+    def going(self) -> Bool[np.ndarray, " n"]:
+        """Which have not pressed two buttons yet."""
+        return self._ended < 0
+
+    def lengths(self) -> Float[np.ndarray, " n"]:
+        """Steps until two were pressed; infinite for those that are still going."""
+        return np.where(self.going, np.inf, self._ended)
+
+    def _way(self, row: int) -> Float[np.ndarray, "steps numbers"]:
+        """What `_now` was from the beginning to the end."""
+        end = self._ended[row] if self._ended[row] >= 0 else len(self._path) - 1
+        return np.array([now[row] for now in self._path[: end + 1]])
+
+    def flange(self, row: int) -> tuple[Float[np.ndarray, "steps 3"], Float[np.ndarray, "steps 3"]]:
+        """Positions of the flange, in [m], and approach directions of a row, from the beginning to the end."""
+        way = self._way(row)
+        return way[:, :3] - ROD * way[:, 3:6], way[:, 3:6]
+
+    def is_free(self, row: int) -> bool:
+        """Whether the arm of a row touches nothing on its way but, with the rod, what it presses."""
+        if self._twin is None:
+            return True
+        pressed = tuple(np.flatnonzero(self._pressed[row]).tolist())
+        return not self._twin.touches(self._places[row], self._normals[row], self._way(row)[:, 6:], pressed)

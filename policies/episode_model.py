@@ -1,0 +1,55 @@
+"""What guidance may imagine episodes with: a model of the task and of the arm, which whoever plays the task brings."""
+
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+
+@runtime_checkable
+class Imagined(Protocol):
+    """Episodes that are imagined side by side, a row each."""
+
+    state: Float[np.ndarray, "n state"]
+    environment: Float[np.ndarray, "n rest"]
+
+    @property
+    def going(self) -> Bool[np.ndarray, " n"]:
+        """Which are not done yet."""
+
+    def step(self, actions: Float[np.ndarray, "n action"]) -> None:
+        """Let a control step pass."""
+
+    def lengths(self) -> Float[np.ndarray, " n"]:
+        """Steps until each was done; infinite for those that are not."""
+
+    def flange(self, row: int) -> tuple[Float[np.ndarray, "steps 3"], Float[np.ndarray, "steps 3"]]:
+        """Positions of the flange, in [m], and approach directions of one, in the world, until it is done."""
+
+    def is_free(self, row: int) -> bool:
+        """Whether nothing on its way stops it."""
+
+
+@runtime_checkable
+class EpisodeModel(Protocol):
+    """What a task's episodes are imagined with, on one arm (`envs.task.Task.model`)."""
+
+    steps: int
+    """Control steps of an episode."""
+
+    def ideal(self) -> "EpisodeModel":
+        """The same with a tool that goes where it is told, whatever arm holds it."""
+
+    def start(self) -> Float[np.ndarray, " dof"]:
+        """Joint angles at the start of an episode, in [rad]."""
+
+    def track(self, joints: Float[np.ndarray, " dof"], state: Float[np.ndarray, " state"]) -> np.ndarray:
+        """Joint angles by what is seen, and what they were a step before."""
+
+    def begin(
+        self, joints: Float[np.ndarray, "n dof"], state: Float[np.ndarray, "n state"], environment: np.ndarray
+    ) -> Imagined:
+        """Episodes that go on from there."""
+
+    def showings(self, count: int) -> Bool[np.ndarray, "count rest"]:
+        """Which numbers of what is seen of the scene are shown as 1 in each of several plans, though they are not."""

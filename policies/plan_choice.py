@@ -1,0 +1,183 @@
+"""Choice of the plan: whole episodes of the unchanged policy are imagined, and the best one is carried out."""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from lerobot.utils.constants import OBS_ENV_STATE, OBS_STATE
+from torch import Tensor
+
+from policies.episode_model import EpisodeModel, Imagined
+from policies.guidance import Guidance, Sample
+from policies.setup import Setup
+from richmap.similarity.directional import DirectionalCoverage
+
+ASTRAY = 0.05
+"""A plan is given up where the command is so far from the imagined one: the length of the difference of their numbers,
+in [m] for places."""
+PAUSE = 10
+"""Steps after which plans are drawn again where none did the task."""
+
+
+@dataclass
+class Plan:
+    """What is carried out in a row of the batch."""
+
+    noise: Float[Tensor, "t *chunk"]
+    """Of every step from its beginning on."""
+    commanded: Float[np.ndarray, "t command"]
+    """What is commanded before every step, as imagined."""
+    shown: Bool[np.ndarray, " rest"]
+    """Which numbers of what is seen of the scene are shown as 1."""
+    done: int = 0
+    """Steps that were made of it."""
+
+
+@dataclass
+class Row:
+    """An episode in a row of the batch."""
+
+    joints: Float[np.ndarray, " dof"]
+    """Where the arm is, in [rad]."""
+    state: Float[np.ndarray, " state"]
+    """What was seen last; nothing to begin with."""
+    steps: int = 0
+    """That were seen."""
+    pause: int = 0
+    """Steps until a plan is sought again."""
+    plan: Plan | None = None
+
+
+class PlanChoice(Guidance):
+    """Carries out one of several imagined episodes that do the task; which one a subclass says.
+
+    What is chosen is the noise: the policy acts on what it sees, as ever, with the noise that led it well. Another plan
+    is sought where the command goes astray of the imagined one, and where a plan is over and the task is not. Where no
+    plan will do, the policy is left alone, and a second later they are drawn again.
+
+    Args:
+        model: What is imagined with.
+        plans: How many episodes are imagined at once.
+        commanded: Where in the state the commanded pose is.
+    """
+
+    def __init__(self, model: EpisodeModel, plans: int, commanded: slice) -> None:
+        self.model, self.plans, self.commanded = model, plans, commanded
+        self._rows: dict[int, Row] = {}
+
+    @abstractmethod
+    def best(self, imagined: Imagined) -> int | None:
+        """Which episode is carried out, of those that are not going any more; None for none."""
+
+    def reset(self, rows: Sequence[int] | None) -> None:
+        for row in [*self._rows] if rows is None else rows:
+            self._rows[row] = Row(self.model.start(), np.empty(0))
+
+    def noise(self, batch: dict[str, Tensor], noise: Float[Tensor, "b *chunk"], sample: Sample) -> Tensor:
+        noise = noise.clone()
+        for i, row in self._rows.items():
+            state, scene = (batch[name][i, -1].double().numpy() for name in (OBS_STATE, OBS_ENV_STATE))
+            if np.array_equal(row.state, state):
+                continue  # Its episode is over.
+            if self._is_to_plan(row, state):
+                row.plan, row.pause = self._plan_from(row, scene, noise[i], sample), PAUSE
+            if row.plan is not None:
+                noise[i] = row.plan.noise[row.plan.done]
+                row.plan.done += 1
+        return noise
+
+    def imagine(self, environment: Float[Tensor, "b t rest"], state: Float[Tensor, "b state"]) -> Tensor:
+        seen = environment.clone()
+        for i, row in self._rows.items():
+            if row.plan is not None:
+                seen[i, :, torch.as_tensor(row.plan.shown)] = 1.0
+        return seen
+
+    def _is_to_plan(self, row: Row, state: Float[np.ndarray, " state"]) -> bool:
+        """Keep track of an arm, and tell whether a plan is to be sought for it."""
+        if len(row.state):
+            row.joints = self.model.track(row.joints, state)
+        row.state, row.steps, row.pause = state, row.steps + 1, row.pause - 1
+        plan = row.plan
+        if plan is None:
+            return row.pause <= 0
+        if plan.done == len(plan.noise):
+            return True
+        return bool(np.linalg.norm(plan.commanded[plan.done] - state[self.commanded]) > ASTRAY)
+
+    def _plan_from(
+        self, row: Row, scene: Float[np.ndarray, " rest"], noise: Float[Tensor, " *chunk"], sample: Sample
+    ) -> Plan | None:
+        """What is carried out from here on, if anything. All is imagined in one batch, whose size does not depend on
+        what else is played."""
+        n, left = self.plans, self.model.steps - row.steps + 1
+        shown = self.model.showings(n)
+        imagined = self.model.begin(*(np.tile(each, (n, 1)) for each in (row.joints, row.state, scene)))
+        draws, commanded = _drawn(noise, (n, left)), np.empty((n, left, self.commanded.stop - self.commanded.start))
+        for k in range(left):
+            commanded[:, k] = imagined.state[:, self.commanded]
+            seen = np.where(shown, 1.0, imagined.environment)
+            batch = {OBS_STATE: _tensor(imagined.state), OBS_ENV_STATE: _tensor(seen)}
+            imagined.step(sample(batch, draws[:, k])[:, 0].numpy())
+            if not imagined.going.any():
+                break
+        chosen = self.best(imagined)
+        if chosen is None:
+            return None
+        end = int(imagined.lengths()[chosen])
+        return Plan(draws[chosen, :end], commanded[chosen, :end], shown[chosen])
+
+
+@final
+class PlanOnArm(PlanChoice):
+    """The shortest episode of those that the arm's kinematic twin carries out without touching anything."""
+
+    def best(self, imagined: Imagined) -> int | None:
+        lengths = imagined.lengths()
+        order = [int(i) for i in np.argsort(lengths, kind="stable") if np.isfinite(lengths[i])]
+        return next((i for i in order if imagined.is_free(i)), None)
+
+
+@final
+class PlanByMap(PlanChoice):
+    """The episode of an ideal arm along which the least covered pose is covered best."""
+
+    def __init__(self, model: EpisodeModel, plans: int, commanded: slice, coverage: DirectionalCoverage) -> None:
+        super().__init__(model.ideal(), plans, commanded)
+        self.coverage = coverage
+
+    def best(self, imagined: Imagined) -> int | None:
+        done = np.flatnonzero(~imagined.going)
+        if len(done) == 0:
+            return None
+        least = [self.coverage.value_and_gradients(*self._inside(*imagined.flange(i))).value.min() for i in done]
+        return int(done[np.argmax(least)])
+
+    def _inside(self, points: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]) -> tuple:
+        """The same, drawn to the edge of the field where they leave it."""
+        first, last = np.array([axis[[0, -1]] for axis in self.coverage.grid.axes()]).T
+        return points.clip(first, last), directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def _tensor(values: np.ndarray) -> Tensor:
+    return torch.as_tensor(values, dtype=torch.float32)[:, None]
+
+
+def _drawn(noise: Float[Tensor, " *chunk"], count: tuple[int, ...]) -> Tensor:
+    """Further noise, which follows from what a row was given."""
+    seed = int(noise.flatten()[:2].contiguous().view(torch.int64).item()) % 2**63
+    return torch.randn((*count, *noise.shape), generator=torch.Generator().manual_seed(seed))
+
+
+def plan_on_arm(given: Setup) -> PlanOnArm:
+    """Of several imagined episodes one that the arm can carry out."""
+    return PlanOnArm(given.model, int(given.scale), given.space.state[given.space.commanded])
+
+
+def plan_by_map(given: Setup) -> PlanByMap:
+    """Of several imagined episodes the one that the arm's map covers best."""
+    return PlanByMap(given.model, int(given.scale), given.space.state[given.space.commanded], given.field)
