@@ -235,6 +235,8 @@ METHODS = {
 """In the order in which they are told apart."""
 GUIDED = tuple(name for name in METHODS if name != DIRECT)
 """Those that do something."""
+SWEPT = tuple(name for name in GUIDED if not METHODS[name].imagines)
+"""Of these, those that need no model of the task's episodes: what is swept unless others are named."""
 
 
 def said_of_each(what: str) -> str:

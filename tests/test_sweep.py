@@ -30,7 +30,7 @@ from benchmark.settings.robot_config import RobotConfig
 from benchmark.sweeps.chosen_players import rollouts_of
 from benchmark.sweeps.job import guides_source, job_name
 from benchmark.sweeps.sweep import count_jobs
-from policies.methods import METHODS
+from policies.methods import SWEPT
 from richmap.robots.robots import load_robot
 
 pytestmark = pytest.mark.system
@@ -79,7 +79,7 @@ def test_the_transfer_table_is_nine_models_on_four_arms():
 
 
 def test_the_methods_are_compared_by_the_strict_protocol():
-    assert count("experiment=methods") == 2 * 3 * 4 * len(METHODS)
+    assert count("experiment=methods") == 2 * 3 * 4 * (1 + len(SWEPT))
     (one,) = jobs("experiment=methods", "setting=best", "seed=44", "robot=ur10", "method=projection")
     assert (one.episodes, one.seed_start, one.checkpoint, one.guidance_scale) == (100, 150_000, 1, None)
 

@@ -8,7 +8,7 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
 from benchmark.settings.setting import as_typed, choices_of
-from policies.methods import METHODS
+from policies.methods import DIRECT, SWEPT
 
 CONF = Path(__file__).parents[1] / "conf"
 
@@ -22,9 +22,9 @@ QUIET = {
 def register(schema: type, name: str) -> None:
     """Tell Hydra of a command's schema, of what its groups can be, and, if no file does, how it is composed.
 
-    In the files `${methods:}` is the names of all methods of guidance, to sweep over.
+    In the files `${methods:}` is the names of methods of guidance, to sweep over.
     """
-    OmegaConf.register_new_resolver("methods", lambda: ",".join(METHODS), replace=True)
+    OmegaConf.register_new_resolver("methods", lambda: ",".join((DIRECT, *SWEPT)), replace=True)
     store, plain, choices = ConfigStore.instance(), as_typed(schema), choices_of(schema)
     for group, values in choices.items():
         for value in values:

@@ -15,7 +15,7 @@ from benchmark.settings.scenes import VALIDATION
 from benchmark.settings.suite import suite_conditions, suite_runs
 from benchmark.settings.task import chosen_task
 from benchmark.sweeps.chosen_scale import read_scales, scales_file
-from policies.methods import GUIDED, METHODS
+from policies.methods import GUIDED, METHODS, SWEPT
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -34,7 +34,7 @@ class ChooseScalesConfig:
     """On whose conditions (see benchmark.run)."""
     task: str = "block_push"
     """What is to be done (see benchmark.run)."""
-    methods: list[str] = field(default_factory=lambda: [*GUIDED])
+    methods: list[str] = field(default_factory=lambda: [*SWEPT])
     """Methods, as in methods=[paper,towards] (see benchmark.run)."""
     points: int = 9
     """Most scales of a method besides off, each twice the one before; from 1 to 16."""

@@ -19,7 +19,7 @@ from benchmark.settings.recipe import USUAL
 from benchmark.settings.robot_config import ArmConfig, RobotConfig, robot_field
 from benchmark.settings.task import chosen_task
 from benchmark.sweeps.chosen_scale import arm_folder, read_methods
-from policies.methods import GUIDED, METHODS, MOST_SAMPLES
+from policies.methods import GUIDED, METHODS, MOST_SAMPLES, SWEPT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,7 +48,7 @@ class ScalesConfig:
     """Arm that acts (see benchmark.run)."""
     task: str = "block_push"
     """What is to be done (see benchmark.run)."""
-    methods: list[str] = field(default_factory=lambda: [*GUIDED])
+    methods: list[str] = field(default_factory=lambda: [*SWEPT])
     """Methods, as in methods=[paper,towards], or a class in a file, as in methods=[path/to/mine.py:Mine] (see
     benchmark.run)."""
     scale: list[float] = field(default_factory=list)
@@ -88,7 +88,7 @@ class ScalesConfig:
 
     def __post_init__(self) -> None:
         for name in self.methods or ["[]"]:
-            check_method(name, "methods", GUIDED)
+            check_method(name, "methods", SWEPT)
         for scale in self.scale:
             check_setting(math.isfinite(scale) and scale > 0, "scale", scale, "numbers above 0")
         check_setting(1 <= self.points <= 16, "points", self.points, "a whole number from 1 to 16")

@@ -17,7 +17,7 @@ class Oracle:
     """Acts on the 44-D observation (`envs.press_buttons.environment`), on the commanded tool, not the measured one.
 
     A funnel: the tip goes to 5 cm in front of a button while the rod turns to it, then in, correcting on the way, as
-    long as it is no farther beside the axis than 4 mm and a quarter of its height; after a press it leaves along the
+    long as it is no farther beside the axis than 8 mm and a quarter of its height; after a press it leaves along the
     normal. What it does follows from the observation and the pair alone.
 
     Args:
