@@ -45,9 +45,38 @@ class FlangePath:
         """Coordinates that a chunk commands, one after another: steps add up."""
         return self.commanded(state)[:, None] + self.steps(actions).cumsum(1)
 
-    def positions(self, coordinates: Float[Tensor, "*b moved"]) -> Float[np.ndarray, "n 3"]:
-        """The flange's positions in the world, in [m], row after row."""
-        return self.space.steps.positions(coordinates.detach().cpu().numpy()).reshape(-1, 3)
+    def pointing(self, state: Float[Tensor, "b state"]) -> Float[Tensor, "b 3"] | None:
+        """Measured approach direction, in tasks whose coordinates are of a point ahead of the flange; else None."""
+        return state[:, self._direction(self.space.measured)] if self.space.steps.ahead else None
+
+    def turned(
+        self, actions: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
+    ) -> Float[Tensor, "b t 3"] | None:
+        """Approach directions that a chunk commands, one after another; None as in `pointing`."""
+        if not self.space.steps.ahead:
+            return None
+        now, directions = state[:, self._direction(self.space.commanded)], []
+        for turn in self.turns(actions).unbind(1):
+            angle = turn.norm(dim=1, keepdim=True).clamp(min=1e-9)
+            axis = turn / angle
+            along = (axis * now).sum(1, keepdim=True) * (1 - angle.cos())
+            now = now * angle.cos() + torch.linalg.cross(axis, now) * angle.sin() + axis * along
+            directions.append(now)
+        return torch.stack(directions, 1)
+
+    def turns(self, actions: Float[Tensor, "*b action"]) -> Float[Tensor, "*b 3"]:
+        """Rotation vectors of actions, in [rad]."""
+        jacobian = torch.as_tensor(self.space.steps.jacobian[3:], dtype=actions.dtype, device=actions.device)
+        return actions @ jacobian.T
+
+    def positions(
+        self, coordinates: Float[Tensor, "*b moved"], directions: Float[Tensor, "*b 3"] | None = None
+    ) -> Float[np.ndarray, "n 3"]:
+        """The flange's positions in the world, in [m], row after row; directions as `pointing` or `turned` has them."""
+        points = self.space.steps.positions(coordinates.detach().cpu().numpy())
+        if directions is not None:
+            points = points - self.space.steps.ahead * directions.detach().cpu().numpy()
+        return points.reshape(-1, 3)
 
     def coordinates(self, positions: Float[np.ndarray, "n 3"], like: Tensor) -> Tensor:
         """Coordinates of positions, in the shape and precision of others."""
@@ -69,3 +98,8 @@ class FlangePath:
         """Where in `observation.state` they are: a part begins with them."""
         start = self.space.state[part].start
         return slice(start, start + len(self.space.steps.moved))
+
+    def _direction(self, part: str) -> slice:
+        """Where the approach direction is: after them."""
+        start = self._coordinates(part).stop
+        return slice(start, start + 3)

@@ -28,7 +28,7 @@ class Push(Guidance):
         self.field, self.scale, self.path = field, scale, path
 
     def push(self, state: Float[Tensor, "b state"]) -> Float[Tensor, "b action"]:
-        slope = self.field.gradient(self.path.positions(self.path.measured(state)))
+        slope = self.field.gradient(self.path.positions(self.path.measured(state), self.path.pointing(state)))
         return self.scale * self.path.along_action(slope, state)
 
 
@@ -48,7 +48,8 @@ class Descent(Guidance):
     def descent(
         self, actions: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
     ) -> Float[Tensor, "b t action"]:
-        slope = self.field.gradient(self.path.positions(self.path.places(actions, state)))
+        places, directions = self.path.places(actions, state), self.path.turned(actions, state)
+        slope = self.field.gradient(self.path.positions(places, directions))
         return self.scale * self.path.along_chunk(slope, actions)
 
 
@@ -63,7 +64,9 @@ class BestOf(Guidance):
         self, chunks: Float[Tensor, "b n t action"], state: Float[Tensor, "b state"]
     ) -> Float[Tensor, "b t action"]:
         ends = self.path.commanded(state)[:, None] + self.path.steps(chunks).sum(2)  # (b, n, moved)
-        cost, _ = self.field.value_and_gradient(self.path.positions(ends))
+        turned = self.path.turned(chunks.flatten(0, 1), state.repeat_interleave(chunks.shape[1], 0))
+        last = None if turned is None else turned[:, -1].unflatten(0, ends.shape[:2])
+        cost, _ = self.field.value_and_gradient(self.path.positions(ends, last))
         best = cost.reshape(ends.shape[:2]).argmin(1)
         return chunks[torch.arange(len(chunks)), torch.as_tensor(best, device=chunks.device)]
 

@@ -175,9 +175,11 @@ def _drawn(noise: Float[Tensor, " *chunk"], count: tuple[int, ...]) -> Tensor:
 
 def plan_on_arm(given: Setup) -> PlanOnArm:
     """Of several imagined episodes one that the arm can carry out."""
+    assert given.model is not None  # `policies.methods` has seen to it; likewise below.
     return PlanOnArm(given.model, int(given.scale), given.space.state[given.space.commanded])
 
 
 def plan_by_map(given: Setup) -> PlanByMap:
     """Of several imagined episodes the one that the arm's map covers best."""
+    assert given.model is not None and isinstance(given.field, DirectionalCoverage)
     return PlanByMap(given.model, int(given.scale), given.space.state[given.space.commanded], given.field)

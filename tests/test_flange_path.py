@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from envs.press_buttons.motion import move
 from policies.flange_path import FlangePath
 from policies.guidance_methods import BestOf, Descent, Projection, Push
 from richmap.geometry.grid import Grid
@@ -11,6 +12,7 @@ from richmap.similarity.energy import EnergyField
 from richmap.similarity.signed_distance import SignedDistanceField
 from richmap.task_spaces.flange_steps import FlangeSteps
 from richmap.task_spaces.layout import Layout, Part
+from richmap.task_spaces.press_buttons import PRESS_BUTTONS_SPACE
 from richmap.task_spaces.task_space import TaskSpace
 
 GRID = Grid((-1.0, -1.0, -1.0), 0.1, (20, 20, 20))
@@ -90,3 +92,22 @@ def test_a_projected_chunk_turns_as_before(state, actions):
     assert torch.equal(corrected[..., 1], actions[..., 1])
     wanted = state[:, None, 3:5] + actions[..., [0, 2]].cumsum(1)
     torch.testing.assert_close(told[..., 0], wanted[..., 0])
+
+
+def test_where_a_chunk_leads_the_flange_behind_a_tip_is_where_the_environment_moves_it():
+    rng, path = np.random.default_rng(3), FlangePath(PRESS_BUTTONS_SPACE)
+    direction = rng.normal(size=(5, 3))
+    told = np.hstack([rng.uniform(0.2, 0.5, (5, 3)), direction / np.linalg.norm(direction, axis=1, keepdims=True)])
+    state, actions = torch.tensor(np.hstack([told, told])), torch.tensor(rng.uniform(-0.015, 0.015, (5, 4, 6)))
+    actions[..., 3:] *= 5
+    places, directions = path.places(actions, state), path.turned(actions, state)
+    flange = path.positions(places, directions).reshape(5, 4, 3)
+    for row in range(5):
+        tip, approach = told[row, :3].copy(), told[row, 3:].copy()
+        for k in range(4):
+            move(tip, approach, actions[row, k].numpy())
+            np.testing.assert_allclose(flange[row, k], tip - 0.1 * approach, atol=1e-12)
+    np.testing.assert_allclose(
+        path.positions(path.measured(state), path.pointing(state)), told[:, :3] - 0.1 * told[:, 3:]
+    )
+    assert PATH.pointing(state[:, :6]) is None

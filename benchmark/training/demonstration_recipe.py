@@ -40,8 +40,8 @@ class CollectConfig:
     """Processes that simulate; the data do not depend on it."""
 
     def __post_init__(self) -> None:
-        for name, value in {"episodes": self.count, "workers": self.workers}.items():
-            check_setting(value >= 1, name, value, "a whole number >= 1")
+        for name, number in {"episodes": self.count, "workers": self.workers}.items():
+            check_setting(number >= 1, name, number, "a whole number >= 1")
         check_scenes(self.seed_start, self.count)
         check_folder(self.folder)
         kinds = [name for name, _ in self.demonstrator.kinds]

@@ -29,7 +29,8 @@ class FlangeSteps:
     """Of the flange where no action turns it, (w, x, y, z)."""
     ahead: float = 0.0
     """How far ahead of the flange, along its z axis, the point is that is meant wherever this says flange, in [m]: the
-    tip of a tool that actions turn about it."""
+    tip of a tool that actions turn about it. If any, the approach direction follows after the coordinates in the parts
+    of the observation that say where the tip is and was told to be."""
 
     def __post_init__(self) -> None:
         for axis in self.axes:
