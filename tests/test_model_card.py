@@ -6,8 +6,8 @@ import pytest
 import torch
 from huggingface_hub import ModelCard
 
-from benchmark.training.demonstration_dataset import BLOCK_PUSH
 from envs.block_push.environment import BlockPushEnv
+from envs.block_push.task import BLOCK_PUSH
 from policies.modeling_guided_push import GuidedPushPolicy
 
 ROOT = Path(__file__).parents[1]
