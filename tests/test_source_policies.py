@@ -87,7 +87,7 @@ def test_every_seed_trains_on_the_recipes_data():
     config = SourcePoliciesConfig(recipe="clean")
     assert [training.seed for training in trainings(config)] == [42, 43, 44]
     data = trainings(config)[0].demonstrations
-    assert data.share_noise == data.share_bursts == data.share_wide == data.share_crowded == 0
+    assert set(data.of_kinds.values()) == {0.0}
 
 
 @pytest.mark.parametrize(
