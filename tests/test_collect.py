@@ -27,7 +27,7 @@ def config(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demonstrations") / "few"
     return CollectConfig(
         episodes=2,
-        shares={"noise": 0.5, "bursts": 0.0, "wide": 0.5, "crowded": 0.0},
+        shares=["noise:0.5", "bursts:0", "wide:0.5", "crowded:0"],
         workers=1,
         output_dir=str(folder),
     )
@@ -150,7 +150,9 @@ def test_packing_keeps_every_episode():
             assert np.array_equal(getattr(before, name), getattr(after, name))
 
 
-@pytest.mark.parametrize("fields", [{"shares": {"noise": 1.2}}, {"shares": {"shown": 0.1}}, {"episodes": 0}])
+@pytest.mark.parametrize(
+    "fields", [{"shares": ["noise:1.2"]}, {"shares": ["shown:0.1"]}, {"shares": ["noise"]}, {"episodes": 0}]
+)
 def test_impossible_settings_are_refused(fields):
     with pytest.raises(ValueError, match="is not allowed. Allowed"):
         CollectConfig(**fields)

@@ -60,7 +60,7 @@ def dataset_card(folder: Path, name: str, config: CollectConfig) -> str:
     default = {**CollectConfig(config.task).recipe, "task": CollectConfig().task}
     changed = {key: value for key, value in config.recipe.items() if default.get(key) != value}
     if "shares" in changed:
-        changed["shares"] = "'{" + ",".join(f"{kind}:{share:g}" for kind, share in config.of_kinds.items()) + "}'"
+        changed["shares"] = "[" + ",".join(f"{kind}:{share:g}" for kind, share in config.of_kinds.items()) + "]"
     text = TEMPLATE.format(
         name=name,
         task=chosen_task(config.task).description,

@@ -21,8 +21,8 @@ class CollectConfig:
     number, 1000 of block_push and 2500 of press_buttons."""
     seed_start: int = 0
     """Seed of the first episode's scene; seeds below 50000 are for demonstrations."""
-    shares: dict[str, float] = field(default_factory=dict)
-    """Share of episodes of a kind, as in shares='{noise:0.5,bursts:0}'; what is not named is as usual, and the rest is
+    shares: list[str] = field(default_factory=list)
+    """Share of episodes of a kind, as in shares=[noise:0.5,bursts:0]; what is not named is as usual, and the rest is
     clean. noise: noise on the executed action now and then (usually 0.2); bursts: and a few steps in a wrong direction
     (block_push 0.35, press_buttons 0.4); wide: like bursts, and from scenes all over the table (block_push 0.25);
     crowded: like bursts, with a block in or at a target, and other things close by (block_push 0.1); shown: like
@@ -44,9 +44,11 @@ class CollectConfig:
             check_setting(number >= 1, name, number, "a whole number >= 1")
         check_scenes(self.seed_start, self.count)
         check_folder(self.folder)
-        kinds = [name for name, _ in self.demonstrator.kinds]
-        unknown = ", ".join(self.shares.keys() - kinds)
-        check_setting(not unknown, "shares", unknown, f"kinds of {self.task}: {', '.join(kinds)}")
+        kinds = dict(self.demonstrator.kinds)
+        for each in self.shares:
+            kind, _, share = each.partition(":")
+            right = kind in kinds and share.replace(".", "", 1).isdecimal()
+            check_setting(right, "shares", each, f"kind:share, the kinds of {self.task}: {', '.join(kinds)}")
         shown = {"burst_probability": self.burst_probability} | {f"shares.{k}": v for k, v in self.of_kinds.items()}
         for name, value in shown.items():
             check_setting(0 <= value <= 1, name, value, "a number from 0 to 1")
@@ -75,7 +77,8 @@ class CollectConfig:
     @property
     def of_kinds(self) -> dict[str, float]:
         """`shares` of all kinds."""
-        return {kind: float(self.shares.get(kind, share)) for kind, share in self.demonstrator.kinds}
+        given = dict(each.split(":") for each in self.shares)
+        return {kind: float(given.get(kind, share)) for kind, share in self.demonstrator.kinds}
 
     @property
     def folder(self) -> str:

@@ -18,7 +18,7 @@ class Recipe:
 
 
 CLEAN = CollectConfig(
-    shares={"noise": 0, "bursts": 0, "wide": 0, "crowded": 0}, output_dir="demonstrations/block_push_clean"
+    shares=["noise:0", "bursts:0", "wide:0", "crowded:0"], output_dir="demonstrations/block_push_clean"
 )
 
 
