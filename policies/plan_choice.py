@@ -80,7 +80,7 @@ class PlanChoice(Guidance):
     def noise(self, batch: dict[str, Tensor], noise: Float[Tensor, "b *chunk"], sample: Sample) -> Tensor:
         noise = noise.clone()
         for i, row in self._rows.items():
-            state, scene = (batch[name][i, -1].double().numpy() for name in (OBS_STATE, OBS_ENV_STATE))
+            state, scene = (batch[name][i, -1].double().cpu().numpy() for name in (OBS_STATE, OBS_ENV_STATE))
             if np.array_equal(row.state, state):
                 continue  # Its episode is over.
             if self._is_to_plan(row, state):
@@ -121,8 +121,8 @@ class PlanChoice(Guidance):
         for k in range(left):
             commanded[:, k] = imagined.state[:, self.commanded]
             seen = np.where(shown, 1.0, imagined.environment)
-            batch = {OBS_STATE: _tensor(imagined.state), OBS_ENV_STATE: _tensor(seen)}
-            imagined.step(sample(batch, draws[:, k])[:, 0].numpy())
+            batch = {OBS_STATE: _observed(imagined.state, noise), OBS_ENV_STATE: _observed(seen, noise)}
+            imagined.step(sample(batch, draws[:, k].to(noise))[:, 0].cpu().numpy())
             if not imagined.going.any():
                 break
         chosen = self.best(imagined)
@@ -163,13 +163,14 @@ class PlanByMap(PlanChoice):
         return points.clip(first, last), directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-def _tensor(values: np.ndarray) -> Tensor:
-    return torch.as_tensor(values, dtype=torch.float32)[:, None]
+def _observed(values: np.ndarray, like: Tensor) -> Tensor:
+    """One observation of each row, in the precision and on the device of another tensor."""
+    return torch.as_tensor(values).to(like)[:, None]
 
 
 def _drawn(noise: Float[Tensor, " *chunk"], count: tuple[int, ...]) -> Tensor:
     """Further noise, which follows from what a row was given."""
-    seed = int(noise.flatten()[:2].contiguous().view(torch.int64).item()) % 2**63
+    seed = int(noise.flatten()[:2].clone().view(torch.int64).item()) % 2**63
     return torch.randn((*count, *noise.shape), generator=torch.Generator().manual_seed(seed))
 
 

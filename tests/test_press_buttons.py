@@ -17,7 +17,7 @@ from envs.press_buttons import scene as scenes
 from envs.press_buttons.environment import PressButtonsEnv
 from envs.press_buttons.failure import failure_cause
 from envs.press_buttons.make import make
-from envs.press_buttons.motion import DEPTH, angle_between, lead, move, turn, turn_towards
+from envs.press_buttons.motion import DEPTH, FUNNEL, angle_between, lead, move, turn, turn_towards
 from envs.press_buttons.oracle import Oracle
 from envs.press_buttons.outcome import summarize
 from envs.press_buttons.posture import share_pressed
@@ -95,9 +95,9 @@ def test_the_funnel_leads_into_every_button_from_anywhere_around_its_housing():
             move(tip, approach, action)
             height = (tip - places[0]) @ normals[0]
             beside = np.linalg.norm(tip - places[0] - height * normals[0])
-            inside = beside < 0.01 and height > -DEPTH - 1e-6
+            inside = beside < FUNNEL + 0.002 and height > -DEPTH - 1e-6
             assert height > 0 or beside > HOUSING_RADIUS or height < -CAP_HEIGHT - HOUSING_HEIGHT or inside
-            if height <= -0.012 and beside < 0.008:
+            if height <= -0.012 and beside < 0.004:
                 break
         assert height <= -0.012 and angle_between(approach, -normals[0]) < 0.1
 

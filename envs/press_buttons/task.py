@@ -13,7 +13,7 @@ from envs.demonstrator import Demonstrator
 from envs.press_buttons.failure import CAUSES
 from envs.press_buttons.outcome import PressOutcome, summarize
 from envs.press_buttons.workspace import DESCRIPTION, MAX_EPISODE_STEPS, POSES
-from envs.task import Controller, Score, Task, Trait
+from envs.task import Change, Controller, Score, Task, Trait
 from richmap.task_spaces.press_buttons import PRESS_BUTTONS_SPACE
 
 
@@ -100,7 +100,13 @@ PRESS_BUTTONS = Task(
     ),
     ranking=("p2", "success_at_end", "p1", "score"),
     causes=CAUSES,
-    history=(),
+    history=(
+        Change(
+            (),
+            "arms begin in the posture from which they press most buttons; the oracle goes in where it is 8 mm beside",
+            before="b37ce6b",
+        ),
+    ),
     plain_oracle=plain_oracle,
     aware_oracle=aware_oracle,
     model=model,
