@@ -261,6 +261,7 @@ def test_an_entry_that_is_random_by_itself_is_refused(brief, tmp_path):
         ("def push(self, effector): return effector", r"push gave .* \(3, 4\). It gives .* \(3, 2\)"),
         ("samples = 2\n    def choose(self, chunks, effector): return chunks", "choose gave"),
         ("def choose(self, chunks, effector): return chunks[:, 0]", "choose would never be asked. .* samples = 4"),
+        ("def noise(self, batch, noise, sample): return noise", "noise would never be asked. .* no policy at hand"),
         ("def descent(self, actions, effector): return actions", "descent would never be asked. .* looks_ahead = True"),
         ("def imagine(self, environment, effector): return environment[0]", "imagine gave"),
         ("samples = 0", "samples is 0"),

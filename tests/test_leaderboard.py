@@ -279,8 +279,11 @@ def test_what_is_run_by_a_protocol_is_what_counts(protocol):
 
 @pytest.mark.results
 @pytest.mark.parametrize("recipe", ["robust", "clean"])
-def test_policies_that_ship_are_among_the_nine_that_were_published(recipe):
+def test_policies_that_ship_are_among_the_nine_that_were_published_and_rows_are_of_those(recipe):
     assert len(shipped(recipe)) == 9
+    rows = read_tables(Path("results/suites"), BLOCK_PUSH.name)
+    played = {*rows.checkpoint_hash[rows.method == "direct"]}
+    assert recipe != USUAL or (played and played <= shipped(recipe))
     here = policies_in(known_policies.CHECKPOINTS[0], recipe)
     assert {Checkpoint(folder).policy_hash for folder in here} <= shipped(recipe) and len(here) >= 3
 

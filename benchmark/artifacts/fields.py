@@ -23,8 +23,8 @@ MAKERS = {
 number of processes, and the console, it gives the field and its file."""
 
 
-MAPS = {"energy": "benchmark.artifacts.maps:arm_maps"}
-"""What gives the maps that a kind is made of."""
+MAPS = {"energy": "benchmark.artifacts.maps:arm_maps", "coverage": "benchmark.artifacts.maps:arm_map"}
+"""What gives the maps that a kind is made of; no other kind is made of any."""
 
 
 @cache

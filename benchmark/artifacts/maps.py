@@ -94,6 +94,11 @@ def arm_maps(
     return compared_maps(*arm.as_mapped(), config, workers, console)
 
 
+def arm_map(arm: "PlacedArm", config: MapConfig, workers: int, console: Console) -> tuple["ReachabilityMap"]:
+    """The map of an arm as it stands."""
+    return (robot_map(*arm.as_mapped(), config, workers, console),)
+
+
 def energy_field(
     target: "RobotDescription",
     base: tuple[float, float, float],
@@ -158,7 +163,7 @@ def arm_coverage(
     key = made_from(inputs, FIELD_VERSION)
 
     def build() -> DirectionalCoverage:
-        made = DirectionalCoverage.from_map(robot_map(target, base, map_config, workers, console), base)
+        made = DirectionalCoverage.from_map(*arm_map(arm, map_config, workers, console), base)
         return replace(made, about={**made.about, "fingerprint": key})
 
     return cached(f"fields/coverage-{target.name}-{key[:16]}.safetensors", DirectionalCoverage.load, build)

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from benchmark.artifacts.fields import MAPS
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
@@ -23,11 +24,11 @@ VERSION = 1
 
 
 def note_settings(output_dir: Path, players: "Sequence[Player]", config: RunConfig) -> None:
-    """Write `fields/<fingerprint>.json` for each energy field of some players, if it is not there."""
+    """Write `fields/<fingerprint>.json` for each field of some players that is made of maps, if it is not there."""
     for player in players:
         condition = player.condition
         file = output_dir / _name(condition.field_fingerprint)
-        if player.kind != "energy" or file.exists():  # A distance is made of the arm alone.
+        if player.kind not in MAPS or file.exists():
             continue
         about = {"source": SOURCE, "target": condition.robot, "fingerprint": condition.field_fingerprint}
         settings = {"map": asdict(config.map), "energy": asdict(config.energy)}

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
+from benchmark.artifacts.fields import MAPS
 from benchmark.artifacts.known_policies import CHECKPOINTS, published
 from benchmark.episodes.arm import choices_of
 from benchmark.episodes.episode import row_name
@@ -163,7 +164,7 @@ def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> 
         config: Settings of the field, but for the size of its cells.
         guided: Whether the policy is of our type, whose sampler is set.
     """
-    energy = row["method"] in METHODS and METHODS[row["method"]].field == "energy"
+    of_maps = row["method"] in METHODS and METHODS[row["method"]].field in MAPS
     arm = ArmConfig(**choices_of(row))
     ours = {}
     if row["method"] in METHODS:
@@ -177,7 +178,7 @@ def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> 
         batch_size=row["batch_size"],
         device=row["device"],
         workers=config.workers,
-        map=replace(config.map, cell_size=row["cell_size"]) if energy else config.map,
+        map=replace(config.map, cell_size=row["cell_size"]) if of_maps else config.map,
         energy=config.energy,
         **ours,
         **sampler,
