@@ -9,9 +9,24 @@ import numpy as np
 type Step = tuple[np.ndarray, np.ndarray, float, bool]
 """The whole observation, the expert's action, the reward, and whether the task is done after it."""
 
-type Play = Callable[[gymnasium.Env, int, str, np.random.Generator, float, bool, Callable[[], None]], list[Step]]
-"""Plays one episode of an environment, given its seed, its kind, the source of all that is random beside the scene, the
-chance per step of a burst, whether ways bend around things, and what to call before each step."""
+
+@dataclass(frozen=True)
+class EpisodeRequest:
+    """An episode that is to be demonstrated."""
+
+    env: gymnasium.Env
+    seed: int
+    """Of its scene."""
+    kind: str
+    """clean, or one of `Demonstrator.kinds`."""
+    rng: np.random.Generator
+    """Source of all else that is random."""
+    burst_probability: float
+    """Chance per step of a burst, in kinds that have some."""
+    detours: bool
+    """Whether ways bend around things, but in clean episodes."""
+    watch: Callable[[], None]
+    """Called before each step."""
 
 
 @dataclass(frozen=True)
@@ -24,4 +39,5 @@ class Demonstrator:
     """Kinds of episodes beside undisturbed ones, which are called clean, and the usual share of each."""
     episodes: int
     """How many are usual."""
-    play: Play
+    play: Callable[[EpisodeRequest], list[Step]]
+    """Plays an episode once, whether it succeeds or not."""

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 import envs  # noqa: F401, it registers the environments
-from envs.demonstrator import Demonstrator
+from envs.demonstrator import Demonstrator, EpisodeRequest
 
 ATTEMPTS = 20
 """Tries at a successful episode of one seed before giving up."""
@@ -77,7 +77,8 @@ def demonstrate(
     """
     for attempt in range(1, ATTEMPTS + 1):
         rng = np.random.default_rng((seed, attempt))
-        played = demonstrator.play(env, seed, kind, rng, burst_probability, detours, partial(watch, attempt))
+        asked = EpisodeRequest(env, seed, kind, rng, burst_probability, detours, partial(watch, attempt))
+        played = demonstrator.play(asked)
         observations, actions, rewards, successes = (np.array(column) for column in zip(*played, strict=True))
         if successes[-1] or kind == "clean":
             observations, actions, rewards = (each.astype(np.float32) for each in (observations, actions, rewards))

@@ -3,14 +3,13 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-import gymnasium
 import numpy as np
 from jaxtyping import Float
 
 from envs.block_push.detour import detour
 from envs.block_push.oracle import PLANS, Oracle
 from envs.block_push.scene import Scene, draw_crowded_scene, draw_wide_scene
-from envs.demonstrator import Step
+from envs.demonstrator import EpisodeRequest, Step
 from envs.disturbance import Disturbance
 from richmap.task_spaces.block_push import AT, BLOCKS, PLACED, START
 
@@ -18,27 +17,20 @@ SCENES = {"wide": draw_wide_scene, "crowded": draw_crowded_scene}
 """By kind, for those with scenes of their own."""
 
 
-def play(
-    env: gymnasium.Env,
-    seed: int,
-    kind: str,
-    rng: np.random.Generator,
-    burst_probability: float,
-    detours: bool,
-    watch: Callable[[], None],
-) -> list[Step]:
-    """One episode (`envs.demonstrator.Play`)."""
+def play(asked: EpisodeRequest) -> list[Step]:
+    """One episode."""
+    env, kind, rng = asked.env, asked.kind, asked.rng
     scene = _unusual_scene(rng, SCENES[kind]) if kind in SCENES else None
-    disturbance = Disturbance(kind, burst_probability, rng)
-    observation, info = env.reset(seed=seed, options=None if scene is None else {"scene": scene})
+    disturbance = Disturbance(kind, asked.burst_probability, rng)
+    observation, info = env.reset(seed=asked.seed, options=None if scene is None else {"scene": scene})
     oracle = Oracle(info["mode"])
     oracle(_as_at_start(observation))  # It returns to where it first sees itself; let that be the usual start.
     steps: list[Step] = []
     over = False
     while not over:
-        watch()
+        asked.watch()
         label = oracle(observation)
-        if detours and kind != "clean":
+        if asked.detours and kind != "clean":
             label = around_blocks(oracle, label, observation)
         executed, restart = disturbance(label)
         following, reward, terminated, truncated, info = env.step(executed.astype(np.float32))

@@ -13,7 +13,7 @@ from envs.block_push.failure import CAUSES
 from envs.block_push.outcome import EpisodeOutcome, summarize
 from envs.block_push.scene import draw_scene
 from envs.block_push.workspace import DESCRIPTION, HEIGHT, POSES, WORKSPACE
-from envs.demonstrator import Demonstrator
+from envs.demonstrator import Demonstrator, EpisodeRequest, Step
 from envs.task import Change, Controller, Score, Task, Trait
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
@@ -47,11 +47,11 @@ def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
     return lambda info: _acting_on_dict(AwareOracle(table, info["mode"]))
 
 
-def demonstrate(*how: Any) -> Any:
+def demonstrate(asked: EpisodeRequest) -> list[Step]:
     """`envs.block_push.demonstrator.play`."""
     from envs.block_push.demonstrator import play
 
-    return play(*how)
+    return play(asked)
 
 
 def _acting_on_dict(oracle: Callable[[np.ndarray], np.ndarray]) -> Controller:

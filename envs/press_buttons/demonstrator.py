@@ -1,12 +1,9 @@
 """Demonstrations of pressing buttons: the oracle, disturbed on purpose, some with buttons that it is not shown."""
 
-from collections.abc import Callable
-
-import gymnasium
 import numpy as np
 from jaxtyping import Float
 
-from envs.demonstrator import Step
+from envs.demonstrator import EpisodeRequest, Step
 from envs.disturbance import Disturbance
 from envs.press_buttons.oracle import Oracle
 from envs.press_buttons.workspace import MAX_STEP, MAX_TURN
@@ -16,27 +13,20 @@ SIZES = np.repeat([1.0, MAX_TURN / MAX_STEP], 3)
 """Of disturbances per metre: a turn is to its longest as a step to its own."""
 
 
-def play(
-    env: gymnasium.Env,
-    seed: int,
-    kind: str,
-    rng: np.random.Generator,
-    burst_probability: float,
-    detours: bool,
-    watch: Callable[[], None],
-) -> list[Step]:
-    """One episode (`envs.demonstrator.Play`); `detours` says nothing here.
+def play(asked: EpisodeRequest) -> list[Step]:
+    """One episode; `detours` says nothing here.
 
     In the kind `shown`, one or two of the buttons that the oracle leaves alone are stored as pressed, so that a policy
     learns to choose among the others.
     """
-    disturbance = Disturbance(kind, burst_probability, rng, SIZES)
-    observation, info = env.reset(seed=seed)
+    env, rng = asked.env, asked.rng
+    disturbance = Disturbance(asked.kind, asked.burst_probability, rng, SIZES)
+    observation, info = env.reset(seed=asked.seed)
     others = rng.permutation([i for i in range(BUTTONS) if i not in info["pair"]])
-    hidden = others[: rng.integers(1, len(others) + 1)] if kind == "shown" else others[:0]
+    hidden = others[: rng.integers(1, len(others) + 1)] if asked.kind == "shown" else others[:0]
     oracle, steps, over = Oracle(info["pair"]), [], False
     while not over:
-        watch()
+        asked.watch()
         label = oracle(observation)
         executed, _ = disturbance(label)
         following, reward, terminated, truncated, info = env.step(executed.astype(np.float32))

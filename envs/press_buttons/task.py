@@ -9,7 +9,7 @@ import numpy as np
 from envs import PRESS_BUTTONS as PRESS_BUTTONS_ID
 from envs import PRESS_BUTTONS_ENVIRONMENTS
 from envs.arm.control import CONTROL_FREQUENCY
-from envs.demonstrator import Demonstrator
+from envs.demonstrator import Demonstrator, EpisodeRequest, Step
 from envs.press_buttons.failure import CAUSES
 from envs.press_buttons.outcome import PressOutcome, summarize
 from envs.press_buttons.workspace import DESCRIPTION, MAX_EPISODE_STEPS, POSES
@@ -56,11 +56,11 @@ def model(arm: Any) -> Any:
     return PressModel(arm)
 
 
-def demonstrate(*how: Any) -> Any:
+def demonstrate(asked: EpisodeRequest) -> list[Step]:
     """`envs.press_buttons.demonstrator.play`."""
     from envs.press_buttons.demonstrator import play
 
-    return play(*how)
+    return play(asked)
 
 
 def _acting_on_dict(oracle: Callable[[np.ndarray], np.ndarray]) -> Controller:
