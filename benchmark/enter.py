@@ -126,7 +126,7 @@ def main(config: EnterConfig) -> None:
     check_setting(bool(config.entry), "entry", config.entry, "the folder of an entry, as in entry=my_entry")
     entry = Entry.load(Path(config.entry))
     ranks = (1,) if config.protocol.best_only else (1, 2, 3)
-    checkpoints = entry.checkpoints(config.seeds, ranks)
+    checkpoints = entry.checkpoints(config.seeds, config.task, ranks)
     if config.table and not Path(config.table).exists():
         raise SettingError(f"table={config.table} is not there. Give a folder of episodes, or a Parquet file.")
     import pandas as pd
@@ -159,7 +159,7 @@ def direct_transfer(config: EnterConfig, runs: "Sequence[RunConfig]", console: "
 
     if not shipped(task=config.task):  # Of another task we have no policies.
         return pd.DataFrame()
-    checkpoints = [checkpoint_folder(seed) for seed in config.seeds]
+    checkpoints = [checkpoint_folder(seed, task=config.task) for seed in config.seeds]
     rollouts = [make_rollout(run, 0.0, path, console) for run in runs for path in checkpoints]
     if config.scenes.start < FIRST_TEST_SEED:
         run = replace(runs[0], output_dir=str(Path(config.output_dir, "direct")))

@@ -15,7 +15,7 @@ def main(config: ScalesConfig) -> None:
     """Print the budget, roll out every scale that is not stored yet, and write table and figures."""
     from benchmark.artifacts.known_policies import checkpoint_folder
 
-    checkpoints = [checkpoint_folder(seed, config.checkpoint, config.recipe) for seed in config.seeds]
+    checkpoints = [checkpoint_folder(seed, config.checkpoint, config.recipe, config.task) for seed in config.seeds]
     from rich.console import Console
 
     from benchmark.rollouts.arm_oracle import demonstrated_path

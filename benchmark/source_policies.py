@@ -5,16 +5,18 @@ python -m benchmark.source_policies
 
 import os
 import shutil
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from benchmark.artifacts.known_policies import of_task
 from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.config import RunConfig, WandbConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.recipe import USUAL, check_recipe, policy_name
 from benchmark.settings.robot_config import RobotConfig
 from benchmark.settings.scenes import check_scenes
+from benchmark.training.demonstration_recipe import CollectConfig
 from benchmark.training.recipes import MADE_BY
 from benchmark.training.trainer import TrainConfig
 from richmap.outputs import replacing
@@ -28,9 +30,11 @@ if TYPE_CHECKING:
 class SourcePoliciesConfig:
     """Trains policies from several seeds and keeps the best checkpoints of each, by their validation episodes."""
 
+    task: str = "block_push"
+    """What they learn to do (see benchmark.run)."""
     recipe: str = USUAL
     """What they learn from and see: robust (episodes with noise and bursts, scenes all over the table) or clean
-    (undisturbed episodes alone)."""
+    (undisturbed episodes of block_push alone)."""
     seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
     """Training seeds, whole numbers >= 0."""
     steps: int = 9000
@@ -49,13 +53,16 @@ class SourcePoliciesConfig:
     policy: dict[str, Any] = field(default_factory=dict)
     """Fields of `GuidedPushConfig` that differ from the recipe's."""
     output_dir: str = "outputs/source_policies"
-    """Folder that gets a folder named after the recipe."""
+    """Folder that gets a folder named after the recipe, and in it one named after a task other than block_push."""
     workers: int = 2
     """Processes that simulate, train or roll out; results do not depend on it. A whole number >= 1."""
     wandb: WandbConfig = field(default_factory=WandbConfig)
 
     def __post_init__(self) -> None:
         check_recipe(self.recipe)
+        made = self.recipe == USUAL or MADE_BY[self.recipe].demonstrations.task == self.task
+        check_setting(made, "recipe", self.recipe, f"{USUAL}, the one for task={self.task}")
+        self.demonstrations  # noqa: B018, is of a task that gives some
         check_setting(bool(self.seeds) and min(self.seeds) >= 0, "seeds", self.seeds, "whole numbers >= 0")
         within = bool(self.candidates) and 1 <= min(self.candidates) <= max(self.candidates) <= self.steps
         check_setting(within, "candidates", self.candidates, f"steps from 1 to {self.steps}")
@@ -68,9 +75,14 @@ class SourcePoliciesConfig:
         check_folder(self.output_dir)
 
     @property
+    def demonstrations(self) -> CollectConfig:
+        """What they learn from."""
+        return replace(MADE_BY[self.recipe].demonstrations, task=self.task)
+
+    @property
     def folder(self) -> Path:
         """Where checkpoints, the table and the validation episodes go."""
-        return Path(self.output_dir) / self.recipe
+        return of_task(Path(self.output_dir) / self.recipe, self.task)
 
 
 def main(config: SourcePoliciesConfig) -> None:
@@ -98,7 +110,7 @@ def trainings(config: SourcePoliciesConfig) -> list[TrainConfig]:
             device=config.device,
             keep=config.candidates,
             policy={**MADE_BY[config.recipe].policy, **config.policy},
-            demonstrations=MADE_BY[config.recipe].demonstrations,
+            demonstrations=config.demonstrations,
             output_dir=str(config.folder / "candidates"),
             wandb=config.wandb,
         )
@@ -115,6 +127,7 @@ def validate(config: SourcePoliciesConfig, console: "Console") -> "pd.DataFrame"
 
     run = RunConfig(
         robot=RobotConfig("xarm6"),
+        task=config.task,
         episodes=config.episodes,
         seed_start=config.seed_start,
         device=config.device,
@@ -172,7 +185,7 @@ def _measured(row: Any, config: SourcePoliciesConfig) -> str:
     last = config.seed_start + row.n - 1
     return (
         f"\nChosen among {len(config.candidates)} candidates of its training seed, on the xArm6, validation seeds "
-        f"{config.seed_start} to {last}:\nboth blocks placed in {round(row.p2 * row.n)} of {row.n} episodes, "
+        f"{config.seed_start} to {last}:\ndone (p2) in {round(row.p2 * row.n)} of {row.n} episodes, "
         f"{row.length:.0f} steps on average, still there one second later in {round(row.success_at_end * row.n)}.\n"
     )
 
@@ -204,11 +217,12 @@ def markdown(table: "pd.DataFrame", config: SourcePoliciesConfig) -> str:
         shown = shown.assign(**{f"{name}_low": [b[0] for b in bounds], f"{name}_high": [b[1] for b in bounds]})
     shown = shown.assign(**{name: [with_interval(row, name) for _, row in shown.iterrows()] for name in names})
     last = config.seed_start + config.episodes - 1
+    command = f"python -m benchmark.source_policies task={config.task} recipe={config.recipe}"
     return "\n".join(
         [
-            f"# Candidates, recipe `{config.recipe}`",
+            f"# Candidates for `{config.task}`, recipe `{config.recipe}`",
             "",
-            f"Made by `python -m benchmark.source_policies recipe={config.recipe}`, commit {commit()}.",
+            f"Made by `{command}`, commit {commit()}.",
             f"xArm6, setting embodied, validation seeds {config.seed_start} to {last}; percent with 95 % Wilson",
             "intervals. The best of each seed by p2, then score, then length are published under `checkpoint`. Their",
             "figures here are those of a choice, hence too good: test seeds decide.",

@@ -3,6 +3,7 @@
 import pandas as pd
 import pytest
 
+from benchmark.artifacts.known_policies import CHECKPOINTS, of_task
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import WandbConfig
 from benchmark.source_policies import SourcePoliciesConfig, log_validation, markdown, publish, ranking, trainings
@@ -88,6 +89,14 @@ def test_every_seed_trains_on_the_recipes_data():
     assert [training.seed for training in trainings(config)] == [42, 43, 44]
     data = trainings(config)[0].demonstrations
     assert set(data.of_kinds.values()) == {0.0}
+
+
+def test_policies_of_another_task_learn_from_its_demonstrations_and_lie_apart():
+    config = SourcePoliciesConfig(task="press_buttons")
+    assert {training.demonstrations.task for training in trainings(config)} == {"press_buttons"}
+    assert config.folder == of_task(CHECKPOINTS[1], "press_buttons") != SourcePoliciesConfig().folder
+    with pytest.raises(SettingError, match="recipe=clean is not allowed. Allowed: robust, the one for"):
+        SourcePoliciesConfig(task="press_buttons", recipe="clean")
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,12 @@ CHECKPOINTS = [
     Path("outputs") / "checkpoints",
 ]
 """Where checkpoints are looked for: those that ship, and those that `benchmark.source_policies` and `benchmark.train`
-make."""
+make; those of another task than block_push in a folder of its name."""
+
+
+def of_task(folder: Path, task: str) -> Path:
+    """Where a task's checkpoints lie in one of these folders."""
+    return folder if task == RunConfig.task else folder / task
 
 
 def chosen_checkpoint(config: RunConfig) -> Path:
@@ -27,13 +32,8 @@ def chosen_checkpoint(config: RunConfig) -> Path:
     Raises:
         SettingError: If there is none, or it cannot be guided and should be.
     """
-    if not config.policy and config.task != RunConfig.task:
-        raise SettingError(
-            f"task={config.task}: no policy ships for this task. Name one of yours, policy=path/to/checkpoint, or play "
-            "a scripted oracle: method=plain_oracle or method=aware_oracle."
-        )
     if not config.policy:
-        return checkpoint_folder(config.seed, config.checkpoint, config.recipe)
+        return checkpoint_folder(config.seed, config.checkpoint, config.recipe, config.task)
     checkpoint = Checkpoint.from_path(config.policy)
     if checkpoint.type != GUIDED and config.guidance_scale != 0 and config.method != "direct":
         scale = "null" if config.guidance_scale is None else f"{config.guidance_scale:g}"
@@ -44,22 +44,24 @@ def chosen_checkpoint(config: RunConfig) -> Path:
     return checkpoint.folder
 
 
-def checkpoint_folder(seed: int, rank: int = 1, recipe: str = USUAL) -> Path:
-    """Folder of the checkpoint of this rank with this training seed, of this recipe.
+def checkpoint_folder(seed: int, rank: int = 1, recipe: str = USUAL, task: str = RunConfig.task) -> Path:
+    """Folder of a task's checkpoint of this rank with this training seed, of this recipe.
 
     Raises:
         SettingError: If there is none.
     """
-    name = policy_name(recipe, seed, rank)
-    for root in CHECKPOINTS:
+    name, roots = policy_name(recipe, seed, rank), [of_task(root, task) for root in CHECKPOINTS]
+    for root in roots:
         folder = root / name
         if (folder / "model.safetensors").exists():
             return Checkpoint.from_path(str(folder)).folder
-    there = {folder.name for root in CHECKPOINTS for folder in policies_in(root, recipe)}
-    why = ": its rows are published, but of each seed only the best policy ships" if name in published() else ""
+    there = {folder.name for root in roots for folder in policies_in(root, recipe)}
+    why = ": its rows are published, but of each seed only the best policy ships" if name in published(task) else ""
+    command = "" if task == RunConfig.task else f"task={task} "
     raise SettingError(
-        f"recipe={recipe} seed={seed} checkpoint={rank} is not there{why}. Here: {', '.join(sorted(there)) or 'none'}. "
-        f"Train it (hours): python -m benchmark.source_policies recipe={recipe} seeds=[{seed}]"
+        f"{command}recipe={recipe} seed={seed} checkpoint={rank} is not there{why}. Here: "
+        f"{', '.join(sorted(there)) or 'none'}. Train it (hours): python -m benchmark.source_policies {command}"
+        f"recipe={recipe} seeds=[{seed}], or name one of yours: policy=path/to/checkpoint."
     )
 
 
@@ -76,5 +78,5 @@ def shipped(recipe: str = USUAL, task: str = RunConfig.task) -> set[str]:
 
 def published(task: str = RunConfig.task) -> dict[str, str]:
     """Names of the policies whose rows are published, for a task, with their hashes."""
-    file = (CHECKPOINTS[0] if task == RunConfig.task else CHECKPOINTS[0] / task) / "policies.json"
+    file = of_task(CHECKPOINTS[0], task) / "policies.json"
     return json.loads(file.read_text()) if file.exists() else {}

@@ -127,14 +127,14 @@ class Entry:
                 digest.update(f"{name.as_posix()}\0{len(content)}\0".encode() + content)
         return digest.hexdigest()
 
-    def checkpoints(self, seeds: list[int], ranks: Iterable[int] = (1,)) -> list[Path]:
-        """Folders of its policies: its own, or ours of these training seeds, of each those of these ranks.
+    def checkpoints(self, seeds: list[int], task: str, ranks: Iterable[int] = (1,)) -> list[Path]:
+        """Folders of its policies: its own, or ours for a task of these training seeds, of each those of these ranks.
 
         Raises:
             SettingError: If one is not there, or is to be guided and cannot be.
         """
         if not self.about.policy:
-            return [checkpoint_folder(seed, rank) for seed in seeds for rank in ranks]
+            return [checkpoint_folder(seed, rank, task=task) for seed in seeds for rank in ranks]
         checkpoint = Checkpoint.from_path(str(self._inside(self.about.policy)))
         if checkpoint.type == GUIDED and checkpoint.guidance_scale:
             raise SettingError(

@@ -7,7 +7,7 @@ import pandas as pd
 from rich.console import Console
 
 from benchmark.artifacts.checkpoint import Checkpoint
-from benchmark.artifacts.known_policies import CHECKPOINTS
+from benchmark.artifacts.known_policies import CHECKPOINTS, of_task
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.missing_episodes import play_and_store
 from benchmark.settings.config import RunConfig
@@ -44,22 +44,25 @@ def evaluate(
     Raises:
         SettingError: If a setting has a value that it cannot have, or a piece is missing.
     """
+    folder = _folder(policy, settings.get("task", RunConfig.task))
     config = RunConfig(
         robot=RobotConfig(robot) if isinstance(robot, str) else robot,
         method="paper" if method == "direct" else method,
         guidance_scale=0.0 if method == "direct" else scale,
         episodes=episodes,
-        policy=str(_folder(policy)),
+        policy=str(folder),
         output_dir=str(output_dir),
         **settings,
     )
     console = Console(stderr=True)
-    rollout: Rollout = make_rollout(config, config.guidance_scale or 0.0, _folder(policy), console)
+    rollout: Rollout = make_rollout(config, config.guidance_scale or 0.0, folder, console)
     (rows,) = play_and_store([rollout], config, console)
     return rows
 
 
-def _folder(policy: str | Path) -> Path:
-    """Of a policy: the one of this name that ships or was trained here, or else the folder itself."""
-    named = [root / policy for root in CHECKPOINTS if (root / policy / "model.safetensors").exists()]
+def _folder(policy: str | Path, task: str) -> Path:
+    """Of a policy: the task's one of this name that ships or was trained here, or else the folder itself."""
+    named = [
+        folder for root in CHECKPOINTS if ((folder := of_task(root, task) / policy) / "model.safetensors").exists()
+    ]
     return named[0] if named else Checkpoint.from_path(str(policy)).folder

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
 from benchmark.artifacts.fields import MAPS
-from benchmark.artifacts.known_policies import CHECKPOINTS, published
+from benchmark.artifacts.known_policies import CHECKPOINTS, of_task, published
 from benchmark.episodes.arm import choices_of
 from benchmark.episodes.episode import row_name
 from benchmark.rollouts.field_settings import noted_settings
@@ -42,7 +42,7 @@ def row_rollout(row: Mapping[str, Any], config: ReplayConfig, console: "Console"
     if row["device"] == "cuda" and not torch.cuda.is_available():
         raise SettingError(f"{row_name(row)} ran on a GPU, and PyTorch finds none here. Replay it where it ran.")
     entry = row_entry(row, config.entry)
-    checkpoint = row_checkpoint(row, config.policy, entry)
+    checkpoint = row_checkpoint(row, config.policy, entry, config.task)
     if noted := noted_settings(Path(config.table), row["field_fingerprint"]):
         config = replace(config, map=noted[0], energy=noted[1])
     run = row_settings(row, config, Checkpoint(checkpoint).type == GUIDED)
@@ -109,7 +109,7 @@ def row_entry(row: Mapping[str, Any], folder: str) -> "Entry | None":
     return entry
 
 
-def row_checkpoint(row: Mapping[str, Any], policy: str, entry: "Entry | None") -> Path:
+def row_checkpoint(row: Mapping[str, Any], policy: str, entry: "Entry | None", task: str) -> Path:
     """Folder of a row's policy: in the folder that is named, in the entry, or among ours.
 
     Raises:
@@ -118,9 +118,10 @@ def row_checkpoint(row: Mapping[str, Any], policy: str, entry: "Entry | None") -
     if policy:
         folders = [Checkpoint.from_path(policy).folder]
     elif entry is not None and entry.about.policy:
-        folders = entry.checkpoints([])
+        folders = entry.checkpoints([], task)
     else:
-        folders = [file.parent for root in CHECKPOINTS for file in sorted(root.glob("*/model.safetensors"))]
+        roots = [of_task(root, task) for root in CHECKPOINTS]
+        folders = [file.parent for root in roots for file in sorted(root.glob("*/model.safetensors"))]
         folders.sort(key=lambda folder: folder.name != row["checkpoint"])
     for folder in folders:
         if policy_hash(folder) == row["checkpoint_hash"]:
@@ -128,7 +129,7 @@ def row_checkpoint(row: Mapping[str, Any], policy: str, entry: "Entry | None") -
     raise SettingError(
         f"{row_name(row)}: no policy with the weights {row['checkpoint_hash'][:16]} is in "
         f"{', '.join(map(str, folders)) or 'the known folders'}. Give its folder: policy=<folder>"
-        + (", or train it again: see docs/reproduce.md." if row["checkpoint_hash"] in published().values() else ".")
+        + (", or train it again: see docs/reproduce.md." if row["checkpoint_hash"] in published(task).values() else ".")
     )
 
 

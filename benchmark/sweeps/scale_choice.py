@@ -118,4 +118,4 @@ def _stages(config: ChooseScalesConfig, method: str, console: "Console") -> "lis
     from benchmark.rollouts.make_rollout import set_stage
 
     runs = [replace(run, seed=seed) for run in suite_runs(config.run(method)).values() for seed in config.seeds]
-    return [set_stage(run, checkpoint_folder(run.seed), console) for run in runs]
+    return [set_stage(run, checkpoint_folder(run.seed, task=run.task), console) for run in runs]
