@@ -64,6 +64,18 @@ class FlangePath:
             directions.append(now)
         return torch.stack(directions, 1)
 
+    def poses(
+        self, actions: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
+    ) -> tuple[Float[Tensor, "b t 3"], Float[Tensor, "b t 3"]]:
+        """Flange positions in the world, in [m], and approach directions that a chunk commands; autograd can follow."""
+        steps, directions, like = self.space.steps, self.turned(actions, state), {"dtype": actions.dtype}
+        like |= {"device": actions.device}
+        still = torch.as_tensor([x * (i not in steps.moved) for i, x in enumerate(steps.position)], **like)
+        points = still + self.places(actions, state) @ torch.eye(3, **like)[steps.moved]
+        if directions is None:
+            directions = torch.as_tensor(steps.approach, **like).expand_as(points)
+        return points - steps.ahead * directions, directions
+
     def turns(self, actions: Float[Tensor, "*b action"]) -> Float[Tensor, "*b 3"]:
         """Rotation vectors of actions, in [rad]."""
         jacobian = torch.as_tensor(self.space.steps.jacobian[3:], dtype=actions.dtype, device=actions.device)

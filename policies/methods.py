@@ -28,7 +28,8 @@ class Method:
     """What it does, in a few words."""
     field: str | None
     """What it looks at: `energy` (similarity to the source), `feasibility` (what the arm can hold), `coverage` (the
-    approach directions that the arm's map has at each place), or None."""
+    approach directions that the arm's map has at each place), `witness` (those that the source has and it lacks), or
+    None."""
     scale: str
     """What its scale, `lambda`, is, with its unit."""
     first: float
@@ -211,10 +212,54 @@ METHODS = {
             first=0.0025,
         ),
         Method(
+            name="chunk_witness",
+            entry_point="policies.directional_methods:pose_chunk",
+            text="down the slope of directions that only the source has, along the chunk",
+            field="witness",
+            scale=_DESCENT,
+            first=0.25,
+        ),
+        Method(
+            name="best_of_n_witness",
+            entry_point="policies.directional_methods:pose_best_of_n",
+            text="the sample whose worst pose has least of directions that only the source has",
+            field="witness",
+            scale=_SAMPLES,
+            first=2.0,
+            counts=True,
+        ),
+        Method(
+            name="chunk_coverage",
+            entry_point="policies.directional_methods:pose_chunk",
+            text="down the slope of directions that the arm lacks, along the chunk",
+            field="coverage",
+            scale=_DESCENT,
+            first=0.25,
+        ),
+        Method(
+            name="best_of_n_coverage",
+            entry_point="policies.directional_methods:pose_best_of_n",
+            text="the sample whose worst pose has least of directions that the arm lacks",
+            field="coverage",
+            scale=_SAMPLES,
+            first=2.0,
+            counts=True,
+        ),
+        Method(
             name="plan_by_map",
             entry_point="policies.plan_choice:plan_by_map",
             text="of several imagined episodes the one that the arm's map covers best",
             field="coverage",
+            scale=_PLANS,
+            first=2.0,
+            counts=True,
+            imagines=True,
+        ),
+        Method(
+            name="plan_by_witness",
+            entry_point="policies.plan_choice:plan_by_map",
+            text="of several imagined episodes the one that least takes directions that only the source has",
+            field="witness",
             scale=_PLANS,
             first=2.0,
             counts=True,

@@ -11,10 +11,10 @@ from jaxtyping import Bool, Float
 from lerobot.utils.constants import OBS_ENV_STATE, OBS_STATE
 from torch import Tensor
 
+from policies.directional_methods import PoseCost, cost_of
 from policies.episode_model import EpisodeModel, Imagined
 from policies.guidance import Guidance, Sample
 from policies.setup import Setup
-from richmap.similarity.directional import DirectionalCoverage
 
 ASTRAY = 0.05
 """A plan is given up where the command is so far from the imagined one: the length of the difference of their numbers,
@@ -144,23 +144,18 @@ class PlanOnArm(PlanChoice):
 
 @final
 class PlanByMap(PlanChoice):
-    """The episode of an ideal arm along which the least covered pose is covered best."""
+    """The episode of an ideal arm whose dearest pose is cheapest by maps."""
 
-    def __init__(self, model: EpisodeModel, plans: int, commanded: slice, coverage: DirectionalCoverage) -> None:
+    def __init__(self, model: EpisodeModel, plans: int, commanded: slice, cost: PoseCost) -> None:
         super().__init__(model.ideal(), plans, commanded)
-        self.coverage = coverage
+        self.cost = cost
 
     def best(self, imagined: Imagined) -> int | None:
         done = np.flatnonzero(~imagined.going)
         if len(done) == 0:
             return None
-        least = [self.coverage.value_and_gradients(*self._inside(*imagined.flange(i))).value.min() for i in done]
-        return int(done[np.argmax(least)])
-
-    def _inside(self, points: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]) -> tuple:
-        """The same, drawn to the edge of the field where they leave it."""
-        first, last = np.array([axis[[0, -1]] for axis in self.coverage.grid.axes()]).T
-        return points.clip(first, last), directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        dearest = [self.cost.value_and_gradients(*imagined.flange(i)).value.max() for i in done]
+        return int(done[np.argmin(dearest)])
 
 
 def _observed(values: np.ndarray, like: Tensor) -> Tensor:
@@ -176,11 +171,11 @@ def _drawn(noise: Float[Tensor, " *chunk"], count: tuple[int, ...]) -> Tensor:
 
 def plan_on_arm(given: Setup) -> PlanOnArm:
     """Of several imagined episodes one that the arm can carry out."""
-    assert given.model is not None  # `policies.methods` has seen to it; likewise below.
+    assert given.model is not None  # `policies.methods` has seen to it.
     return PlanOnArm(given.model, int(given.scale), given.space.state[given.space.commanded])
 
 
 def plan_by_map(given: Setup) -> PlanByMap:
-    """Of several imagined episodes the one that the arm's map covers best."""
-    assert given.model is not None and isinstance(given.field, DirectionalCoverage)
-    return PlanByMap(given.model, int(given.scale), given.space.state[given.space.commanded], given.field)
+    """Of several imagined episodes the one whose dearest pose is cheapest by maps."""
+    assert given.model is not None
+    return PlanByMap(given.model, int(given.scale), given.space.state[given.space.commanded], cost_of(given))

@@ -19,8 +19,9 @@ from policies.modeling_guided_push import GuidedPushPolicy
 from policies.noise import episode_noise
 from policies.setup import Setup
 from richmap.geometry.grid import Grid
+from richmap.similarity.directional import DirectionalCoverage, DirectionalEnergy
 from richmap.similarity.energy import EnergyField
-from richmap.similarity.load_field import load_field
+from richmap.similarity.load_field import FIELDS, load_field
 from richmap.similarity.signed_distance import SignedDistanceField
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
@@ -70,7 +71,10 @@ def field_files(tmp_path_factory):
     SignedDistanceField.from_feasible(feasible, (-0.2, -0.7), 0.02, 0.06, (0.0, 0.0), {}).save(
         folder / "feasibility.safetensors"
     )
-    return {name: folder / f"{name}.safetensors" for name in ("energy", "feasibility")}
+    grid, rng = Grid((-0.3, -0.8, -0.2), 0.1, (13, 17, 5)), np.random.default_rng(0)
+    for name, kind in (("witness", DirectionalEnergy), ("coverage", DirectionalCoverage)):
+        kind(grid, rng.normal(size=(*grid.shape, 16)).astype(np.float32), {}).save(folder / f"{name}.safetensors")
+    return {name: folder / f"{name}.safetensors" for name in FIELDS}
 
 
 def made(name, scale, field, base, seed):

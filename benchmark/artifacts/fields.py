@@ -18,12 +18,17 @@ MAKERS = {
     "energy": "benchmark.artifacts.maps:arm_energy_field",
     "feasibility": "benchmark.artifacts.distance_field:distance_field",
     "coverage": "benchmark.artifacts.maps:arm_coverage",
+    "witness": "benchmark.artifacts.maps:arm_witness",
 }
 """What makes each kind (`policies.methods.Method.field`): called with the arm, settings of maps and of the energy, the
 number of processes, and the console, it gives the field and its file."""
 
 
-MAPS = {"energy": "benchmark.artifacts.maps:arm_maps", "coverage": "benchmark.artifacts.maps:arm_map"}
+MAPS = {
+    "energy": "benchmark.artifacts.maps:arm_maps",
+    "coverage": "benchmark.artifacts.maps:arm_map",
+    "witness": "benchmark.artifacts.maps:arm_maps",
+}
 """What gives the maps that a kind is made of; no other kind is made of any."""
 
 

@@ -1,5 +1,6 @@
 """Maps."""
 
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from envs.arm.placed_arm import PlacedArm
     from richmap.maps.reachability_map import ReachabilityMap
     from richmap.robots.robot import RobotDescription
-    from richmap.similarity.directional import DirectionalCoverage
+    from richmap.similarity.directional import DirectionalCoverage, DirectionalEnergy
     from richmap.similarity.energy import EnergyField
 
 FIELD_VERSION = 1
@@ -149,21 +150,52 @@ def arm_coverage(
     Returns:
         The field, in the world frame, and its file in the cache.
     """
+    from richmap.similarity.directional import DirectionalCoverage
+
+    def build() -> DirectionalCoverage:
+        return DirectionalCoverage.from_map(*arm_map(arm, map_config, workers, console), arm.as_mapped()[1])
+
+    return _directional("coverage", arm, map_config, DirectionalCoverage, build)
+
+
+def arm_witness(
+    arm: "PlacedArm", map_config: MapConfig, _energy: EnergyConfig, workers: int, console: Console
+) -> tuple["DirectionalEnergy", Path]:
+    """Which approach directions the source has where and an arm as it stands lacks, by their maps.
+
+    Returns:
+        The field, in the world frame, and its file in the cache.
+    """
+    from richmap.similarity.directional import DirectionalEnergy
+
+    def build() -> DirectionalEnergy:
+        both = arm_maps(arm, map_config, workers, console)
+        return DirectionalEnergy.from_maps(*both, arm.as_mapped()[1], "coverages")
+
+    return _directional("witness", arm, map_config, DirectionalEnergy, build)
+
+
+def _directional[F: ("DirectionalCoverage", "DirectionalEnergy")](
+    name: str, arm: "PlacedArm", map_config: MapConfig, kind: type[F], build: Callable[[], F]
+) -> tuple[F, Path]:
+    """Such a field from the cache, or made now."""
     from richmap.cache import cached, made_from
     from richmap.maps.cached_map import MAP_VERSION
-    from richmap.similarity.directional import DirectionalCoverage
+    from richmap.robots.robots import load_robot
 
     target, base = arm.as_mapped()
     inputs = {
-        "field": "coverage",
+        "field": name,
         "target": target.fingerprint,
         "base": [x + 0.0 for x in base],  # No negative zero.
         "map": asdict(map_config) | {"version": MAP_VERSION},
     }
+    if name == "witness":
+        inputs["source"] = load_robot(SOURCE).fingerprint
     key = made_from(inputs, FIELD_VERSION)
 
-    def build() -> DirectionalCoverage:
-        made = DirectionalCoverage.from_map(*arm_map(arm, map_config, workers, console), base)
-        return replace(made, about={**made.about, "fingerprint": key})
+    def made() -> F:
+        field = build()
+        return replace(field, about={**field.about, "fingerprint": key})
 
-    return cached(f"fields/coverage-{target.name}-{key[:16]}.safetensors", DirectionalCoverage.load, build)
+    return cached(f"fields/{name}-{target.name}-{key[:16]}.safetensors", kind.load, made)

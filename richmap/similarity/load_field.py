@@ -5,16 +5,17 @@ from pathlib import Path
 
 from richmap.files import FileRefusedError, reading, texts_of
 from richmap.geometry.grid import Grid
-from richmap.similarity.directional import DirectionalCoverage
+from richmap.similarity.directional import DirectionalCoverage, DirectionalEnergy
 from richmap.similarity.energy import EnergyField
 from richmap.similarity.signed_distance import SignedDistanceField
 
-StoredField = EnergyField | SignedDistanceField | DirectionalCoverage
+StoredField = EnergyField | SignedDistanceField | DirectionalCoverage | DirectionalEnergy
 """What guidance may be made with."""
 FIELDS: dict[str, type[StoredField]] = {
     "energy": EnergyField,
     "feasibility": SignedDistanceField,
     "coverage": DirectionalCoverage,
+    "witness": DirectionalEnergy,
 }
 """By the name that settings and entries have for them."""
 

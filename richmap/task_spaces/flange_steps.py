@@ -52,6 +52,12 @@ class FlangeSteps:
         """How the commanded pose moves per unit of each number of an action: translation, then rotation."""
         return np.stack([np.eye(6)[TWIST.index(axis)] for axis in self.axes], axis=1)
 
+    @property
+    def approach(self) -> tuple[float, float, float]:
+        """Approach direction where no action turns it: the flange's z axis."""
+        w, x, y, z = self.orientation
+        return 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
+
     def positions(self, coordinates: Float[np.ndarray, "*n moved"]) -> Float[np.ndarray, "*n 3"]:
         """Flange positions in the world, in [m], from their coordinates along the axes that actions move."""
         points = np.empty((*coordinates.shape[:-1], 3))

@@ -1,0 +1,96 @@
+"""Guidance by fields over positions and approach directions: how it acts, and the methods made of that."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from policies.flange_path import FlangePath
+from policies.guidance import Guidance
+from policies.setup import Setup
+from richmap.similarity.directional import DirectionalCoverage, DirectionalEnergy
+from richmap.similarity.directional_field import ValueAndGradients
+
+
+@dataclass(frozen=True)
+class PoseCost:
+    """What a flange pose costs: the energy of similarity there, or one less the coverage."""
+
+    field: DirectionalEnergy | DirectionalCoverage
+
+    def value_and_gradients(
+        self, points: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
+    ) -> ValueAndGradients:
+        """At positions, in [m], and directions of any length; outside the field as at the nearest point of its edge."""
+        first, last = np.array([axis[[0, -1]] for axis in self.field.grid.axes()]).T
+        unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        at = self.field.value_and_gradients(points.clip(first, last), unit)
+        if isinstance(self.field, DirectionalEnergy):
+            return at
+        return ValueAndGradients(1 - at.value, -at.position, -at.direction)
+
+    def value(self, points: Float[Tensor, "*b 3"], directions: Float[Tensor, "*b 3"]) -> Float[np.ndarray, " *b"]:
+        """Of poses as tensors."""
+        flat = (each.detach().double().cpu().numpy().reshape(-1, 3) for each in (points, directions))
+        return self.value_and_gradients(*flat).value.reshape(points.shape[:-1])
+
+
+@final
+class PoseDescent(Guidance):
+    r"""A cost's slope, over positions and directions, along the whole chunk of clean actions at each denoising step.
+
+    A chunk costs :math:`\sum_k E(p_k, v_k)` over the flange poses that it commands.
+    """
+
+    looks_ahead = True
+
+    def __init__(self, cost: PoseCost, scale: float, path: FlangePath) -> None:
+        self.cost, self.scale, self.path = cost, scale, path
+
+    def descent(
+        self, actions: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
+    ) -> Float[Tensor, "b t action"]:
+        with torch.inference_mode(False), torch.enable_grad():
+            free = actions.clone().requires_grad_()
+            poses = self.path.poses(free, state.clone())
+            flat = (each.detach().double().cpu().numpy().reshape(-1, 3) for each in poses)
+            at = self.cost.value_and_gradients(*flat)
+            slopes = (torch.as_tensor(each).to(free).view_as(poses[0]) for each in (at.position, at.direction))
+            along = sum((pose * slope).sum() for pose, slope in zip(poses, slopes, strict=True))
+            (gradient,) = torch.autograd.grad(along, free)
+        return self.scale * gradient
+
+
+@final
+class PoseBestOf(Guidance):
+    """Of several sampled chunks the one whose dearest pose is cheapest; the first of equals."""
+
+    def __init__(self, cost: PoseCost, samples: int, path: FlangePath) -> None:
+        self.cost, self.samples, self.path = cost, samples, path
+
+    def choose(
+        self, chunks: Float[Tensor, "b n t action"], state: Float[Tensor, "b state"]
+    ) -> Float[Tensor, "b t action"]:
+        b, n = chunks.shape[:2]
+        dearest = self.cost.value(*self.path.poses(chunks.flatten(0, 1), state.repeat_interleave(n, 0))).max(1)
+        best = torch.as_tensor(dearest.reshape(b, n).argmin(1), device=chunks.device)
+        return chunks[torch.arange(b, device=chunks.device), best]
+
+
+def pose_chunk(given: Setup) -> PoseDescent:
+    """Down the slope of a field over positions and directions, along the whole chunk."""
+    return PoseDescent(cost_of(given), given.scale, FlangePath(given.space))
+
+
+def pose_best_of_n(given: Setup) -> PoseBestOf:
+    """The sample whose dearest pose is cheapest."""
+    return PoseBestOf(cost_of(given), int(given.scale), FlangePath(given.space))
+
+
+def cost_of(given: Setup) -> PoseCost:
+    """Of the field that a method is made with."""
+    assert isinstance(given.field, DirectionalEnergy | DirectionalCoverage)  # `policies.methods` has seen to it.
+    return PoseCost(given.field)
