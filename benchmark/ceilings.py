@@ -8,7 +8,7 @@ from pathlib import Path
 
 from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.scenes import TABLES, check_scenes
-from benchmark.settings.suite import suite_conditions
+from benchmark.settings.suite import suite_conditions, suite_task
 from benchmark.settings.task import chosen_task
 
 
@@ -18,8 +18,6 @@ class CeilingsConfig:
 
     suite: str = "push-v1"
     """Which suite (see benchmark.run)."""
-    task: str = "block_push"
-    """What is done there (see benchmark.run)."""
     table: str = ""
     """Folder of the episodes; empty for results/suites/<suite>."""
     methods: list[str] = field(default_factory=lambda: ["direct", "paper", "projection", "reorder"])
@@ -33,7 +31,6 @@ class CeilingsConfig:
 
     def __post_init__(self) -> None:
         suite_conditions(self.suite)
-        chosen_task(self.task)
         check_setting(self.episodes >= 1, "episodes", self.episodes, "a whole number >= 1")
         check_scenes(self.seed_start, self.episodes)
 
@@ -48,7 +45,10 @@ def main(config: CeilingsConfig) -> None:
     from benchmark.scoring.scores import with_interval
     from benchmark.scoring.suite_table import by_condition
 
-    file, task = Path(config.output) if config.output else ceilings_file(config.suite), chosen_task(config.task)
+    file, task = (
+        Path(config.output) if config.output else ceilings_file(config.suite),
+        chosen_task(suite_task(config.suite)),
+    )
     if file.exists():
         raise SettingError(f"{file} is there, and is frozen with the suite. To make others, give output=.")
     rows = read_tables(Path(config.table) if config.table else file.parent, task.name)

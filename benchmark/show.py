@@ -9,7 +9,7 @@ from pathlib import Path
 
 from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.paths import check_folder
-from benchmark.settings.suite import suite_conditions
+from benchmark.settings.suite import suite_conditions, suite_task
 from benchmark.settings.task import chosen_task
 
 
@@ -20,16 +20,15 @@ class ShowConfig:
     table: str = ""
     """A table of episodes, or a folder: all tables in it and below; empty for results, or results/suites/<suite>."""
     task: str = "block_push"
-    """What the episodes are of (see benchmark.run)."""
+    """What the episodes are of (see benchmark.run); with a suite, its own task."""
     suite: str = ""
     """Conditions by which the episodes are shown, with ceilings and shares of head-room (see benchmark.run)."""
     output_dir: str = ""
     """Folder that curves.png goes to; empty for that of the table."""
 
     def __post_init__(self) -> None:
+        self.task = suite_task(self.suite) if self.suite else self.task
         chosen_task(self.task)
-        if self.suite:
-            suite_conditions(self.suite)
         self.table = self.table or (f"results/suites/{self.suite}" if self.suite else "results")
         check_setting(Path(self.table).exists(), "table", self.table, "a table of episodes, or a folder of them")
         if self.output_dir:

@@ -16,7 +16,7 @@ from benchmark.settings.config import ConditionConfig, OracleConfig, RunConfig
 from benchmark.settings.robot_config import ArmConfig
 from benchmark.settings.scenes import PAPER, SEALED, TABLES, VALIDATION
 from benchmark.settings.setting import SettingError
-from benchmark.settings.suite import SUITES, suite_conditions, suite_runs
+from benchmark.settings.suite import SUITES, suite_conditions, suite_runs, suite_task
 from benchmark.studies.suite_candidates import verdict
 from benchmark.sweeps.chosen_players import chosen_players
 from envs.block_push.arm import block_push_arm
@@ -43,7 +43,7 @@ def test_sealed_scenes_are_refused(first, count):
 def test_a_suite_has_conditions_that_differ(suite):
     conditions = suite_conditions(suite)
     assert len({repr((each.robot, each.setting, each.arm)) for each in conditions.values()}) == len(conditions) >= 8
-    runs = suite_runs(RunConfig(method="direct", suite=suite, conditions=conditions))
+    runs = suite_runs(RunConfig(method="direct", suite=suite, task=suite_task(suite), conditions=conditions))
     assert [*runs] == [*conditions] and all(run.arm == conditions[name].arm for name, run in runs.items())
 
 

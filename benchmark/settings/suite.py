@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import cast
 
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 
 from benchmark.settings.composition import CONF
 from benchmark.settings.config import ConditionConfig, RunConfig
@@ -19,14 +19,20 @@ def suite_conditions(name: str) -> dict[str, ConditionConfig]:
     Raises:
         SettingError: If there is no such suite.
     """
-    there = sorted(file.stem for file in SUITES.glob("*.yaml"))
-    if name not in there:
-        raise SettingError(f"suite={name} is not allowed. Allowed: {', '.join(there)}.")
     usual = OmegaConf.structured(ConditionConfig)
     return {
         str(condition): cast(ConditionConfig, OmegaConf.to_object(OmegaConf.merge(usual, said)))
-        for condition, said in OmegaConf.load(SUITES / f"{name}.yaml").conditions.items()
+        for condition, said in _suite(name).conditions.items()
     }
+
+
+def suite_task(name: str) -> str:
+    """What is done on all conditions of a suite.
+
+    Raises:
+        SettingError: If there is no such suite.
+    """
+    return str(_suite(name).get("task", RunConfig.task))
 
 
 def suite_runs(config: RunConfig) -> dict[str, RunConfig]:
@@ -43,3 +49,10 @@ def suite_runs(config: RunConfig) -> dict[str, RunConfig]:
         )
         for name, condition in config.conditions.items()
     }
+
+
+def _suite(name: str) -> DictConfig:
+    there = sorted(file.stem for file in SUITES.glob("*.yaml"))
+    if name not in there:
+        raise SettingError(f"suite={name} is not allowed. Allowed: {', '.join(there)}.")
+    return cast(DictConfig, OmegaConf.load(SUITES / f"{name}.yaml"))

@@ -12,7 +12,7 @@ from benchmark.settings.config import ConditionConfig, RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.scenes import VALIDATION
-from benchmark.settings.suite import suite_conditions, suite_runs
+from benchmark.settings.suite import suite_conditions, suite_runs, suite_task
 from benchmark.settings.task import chosen_task
 from benchmark.sweeps.chosen_scale import read_scales, scales_file
 from policies.methods import GUIDED, METHODS, SWEPT
@@ -28,12 +28,10 @@ BUDGET = 1500
 
 @dataclass
 class ChooseScalesConfig:
-    """Chooses the scale of each method for a task, the same on all conditions of a suite, on validation scenes."""
+    """Chooses the scale of each method for a suite's task, the same on all its conditions, on validation scenes."""
 
     suite: str = "push-v1"
     """On whose conditions (see benchmark.run)."""
-    task: str = "block_push"
-    """What is to be done (see benchmark.run)."""
     methods: list[str] = field(default_factory=lambda: [*SWEPT])
     """Methods, as in methods=[paper,towards] (see benchmark.run)."""
     points: int = 9
@@ -68,6 +66,11 @@ class ChooseScalesConfig:
         return suite_conditions(self.suite)
 
     @property
+    def task(self) -> str:
+        """Of the suite."""
+        return suite_task(self.suite)
+
+    @property
     def episodes(self) -> int:
         """Scenes of each condition, policy and scale: as many as the budget has."""
         return max(1, BUDGET // ((self.points + 1) * len(self.conditions) * len(self.seeds)))
@@ -82,7 +85,7 @@ class ChooseScalesConfig:
     def run(self, method: str) -> RunConfig:
         """Settings of a method's rollouts."""
         names = {each.name for each in fields(RunConfig)}
-        given = {name: getattr(self, name) for name in (*vars(self), "conditions", "episodes") if name in names}
+        given = {name: getattr(self, name) for name in (*vars(self), "task", "conditions", "episodes") if name in names}
         return RunConfig(method=method, batch_size=self.episodes, **given)
 
 
