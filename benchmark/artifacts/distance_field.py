@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 VERSION = 1
 """Raised by hand when the same arm gets another field."""
+ROLLS = "feasible where the tool is rolled"
+"""What sets the fields apart of arms that hold their tool rolled somewhere; before 27 November 2026 they could not."""
 CELL_SIZE = 0.02
 """Edge of the field's cells, in [m]."""
 BOX = ((-0.2, -0.7), (0.9, 0.7))
@@ -53,7 +55,8 @@ def distance_field(
         with console.status(f"Where {arm.robot} can hold its tool over the table"):
             table = table_feasibility(arm, CELL_SIZE, np.array(BOX), HEIGHT)
             origin = (table.x[0] - CELL_SIZE / 2, table.y[0] - CELL_SIZE / 2)
-            about = {"target": arm.robot, "fingerprint": key}
+            fingerprint = made_from({**inputs, ROLLS: True}, VERSION) if table.rolls else key
+            about = {"target": arm.robot, "fingerprint": fingerprint}
             return SignedDistanceField.from_feasible(table.feasible, origin, CELL_SIZE, HEIGHT, arm.base[:2], about)
 
-    return cached(f"fields/feasible-{arm.robot}-{key[:16]}.safetensors", SignedDistanceField.load, make)
+    return cached(f"fields/distance-{arm.robot}-{key[:16]}.safetensors", SignedDistanceField.load, make)

@@ -52,6 +52,8 @@ class TableFeasibility:
     """Likewise y."""
     cause: Int[np.ndarray, "nx ny"]
     """`Feasibility` of each point."""
+    rolls: bool = False
+    """Whether over some of them the arm lets its tool roll, with a joint at its limit."""
 
     @property
     def feasible(self) -> Bool[np.ndarray, "nx ny"]:
@@ -102,8 +104,8 @@ def table_feasibility(
         raise ValueError(f"spacing must be above 0 and at most {size.min():g} m, the box's shorter side. Got {spacing}")
     x, y = (np.linspace(low, high, 1 + int(np.ceil((high - low) / spacing - 1e-9))) for low, high in box.T)
     points = np.stack(np.meshgrid(x, y, indexing="ij"), -1)
-    cause = feasibility(arm, points.reshape(-1, 2), height, others)
-    return TableFeasibility(arm, x, y, cause.reshape(points.shape[:2]))
+    cause, rolls = _feasibility(arm, points.reshape(-1, 2), height, others)
+    return TableFeasibility(arm, x, y, cause.reshape(points.shape[:2]), rolls)
 
 
 def feasibility(
@@ -111,21 +113,34 @@ def feasibility(
 ) -> Int[np.ndarray, " n"]:
     """`Feasibility` of holding the tool upright over points of the table, in [m] in the world, in the arm's branch.
 
-    Limits and self-collision count where they bind. Arguments are those of `table_feasibility`; see `followed`.
+    Limits and self-collision count where they bind. Arguments are those of `table_feasibility`; see `followed`. Where
+    an arm of six joints would pass a limit, it may hold its round tool upright all the same, rolled about itself.
     """
-    robot = arm.description
+    return _feasibility(arm, points, height, others)[0]
+
+
+def _feasibility(
+    arm: PlacedArm, points: Float[np.ndarray, "n 2"], height: float, others: Sequence[PlacedArm]
+) -> tuple[Int[np.ndarray, " n"], bool]:
+    """`feasibility`, and whether the tool is rolled over some of the points."""
+    robot, at_limit = arm.description, np.zeros(len(points), dtype=bool)
     reached, joints = followed(arm, points, height)
     cause = np.where(reached, Feasibility.FEASIBLE, Feasibility.OUT_OF_REACH)
     for other in others if not reached.all() else ():
         cause[followed(other, points, height)[0] & ~reached] = Feasibility.WRONG_BRANCH
     if arm.joint_limits:
         lower, upper = arm.joint_range
-        passed = ((joints < lower) | (joints > upper)).any(1)
-        cause[reached & passed] = Feasibility.JOINT_LIMIT
+        passed = reached & ((joints < lower) | (joints > upper)).any(1)
+        if passed.any() and len(arm.posture) <= 6:
+            within, rolled = _followed(arm, points, height)
+            at_limit = passed & within
+            joints[at_limit] = rolled[at_limit]
+            passed &= ~within
+        cause[passed] = Feasibility.JOINT_LIMIT
         reached = reached & ~passed
     if arm.self_collision:
         cause[np.flatnonzero(reached)[self_collision(robot)(joints[reached])]] = Feasibility.SELF_COLLISION
-    return cause
+    return cause, bool((cause[at_limit] == Feasibility.FEASIBLE).any())
 
 
 def followed(
