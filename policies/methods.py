@@ -266,6 +266,16 @@ METHODS = {
             imagines=True,
         ),
         Method(
+            name="plan_at_random",
+            entry_point="policies.plan_choice:plan_at_random",
+            text="of several imagined episodes any that does the task",
+            field=None,
+            scale=_PLANS,
+            first=2.0,
+            counts=True,
+            imagines=True,
+        ),
+        Method(
             name="plan_on_arm",
             entry_point="policies.plan_choice:plan_on_arm",
             text="of several imagined episodes one that the arm's kinematic twin can carry out",

@@ -151,11 +151,20 @@ class PlanByMap(PlanChoice):
         self.cost = cost
 
     def best(self, imagined: Imagined) -> int | None:
-        done = np.flatnonzero(~imagined.going)
-        if len(done) == 0:
-            return None
+        done = np.flatnonzero(~imagined.going).tolist()
         dearest = [self.cost.value_and_gradients(*imagined.flange(i)).value.max() for i in done]
-        return int(done[np.argmin(dearest)])
+        return done[int(np.argmin(dearest))] if done else None
+
+
+@final
+class PlanAtRandom(PlanChoice):
+    """Any episode that an ideal arm does: a control, which knows nothing of the arm."""
+
+    def __init__(self, model: EpisodeModel, plans: int, commanded: slice) -> None:
+        super().__init__(model.ideal(), plans, commanded)
+
+    def best(self, imagined: Imagined) -> int | None:
+        return next(iter(np.flatnonzero(~imagined.going).tolist()), None)
 
 
 def _observed(values: np.ndarray, like: Tensor) -> Tensor:
@@ -171,11 +180,19 @@ def _drawn(noise: Float[Tensor, " *chunk"], count: tuple[int, ...]) -> Tensor:
 
 def plan_on_arm(given: Setup) -> PlanOnArm:
     """Of several imagined episodes one that the arm can carry out."""
-    assert given.model is not None  # `policies.methods` has seen to it.
-    return PlanOnArm(given.model, int(given.scale), given.space.state[given.space.commanded])
+    return PlanOnArm(*_what_plans_need(given))
 
 
 def plan_by_map(given: Setup) -> PlanByMap:
     """Of several imagined episodes the one whose dearest pose is cheapest by maps."""
-    assert given.model is not None
-    return PlanByMap(given.model, int(given.scale), given.space.state[given.space.commanded], cost_of(given))
+    return PlanByMap(*_what_plans_need(given), cost_of(given))
+
+
+def plan_at_random(given: Setup) -> PlanAtRandom:
+    """Of several imagined episodes any that an ideal arm does."""
+    return PlanAtRandom(*_what_plans_need(given))
+
+
+def _what_plans_need(given: Setup) -> tuple[EpisodeModel, int, slice]:
+    assert given.model is not None  # `policies.methods` has seen to it.
+    return given.model, int(given.scale), given.space.state[given.space.commanded]

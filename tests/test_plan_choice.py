@@ -13,6 +13,8 @@ from envs.press_buttons.workspace import POSES
 from policies.methods import METHODS
 from policies.plan_choice import PlanChoice
 from policies.setup import Setup
+from richmap.geometry.grid import Grid
+from richmap.similarity.directional import DirectionalCoverage
 from richmap.task_spaces.press_buttons import AT, PRESS_BUTTONS_SPACE
 
 STATE, SCENE = "observation.state", "observation.environment_state"
@@ -84,6 +86,38 @@ def test_of_several_plans_one_that_the_arm_can_carry_out_is_chosen(arm):
     commanded = chosen._rows[1].plan.commanded
     np.testing.assert_allclose(commanded[0], np.r_[state[PRESS_BUTTONS_SPACE.state["commanded"]]], atol=1e-6)
     assert AT["commanded"].stop - AT["commanded"].start == commanded.shape[1]
+
+
+def played(model, scene):
+    """Imagined episodes of the expert with every pair."""
+    state, environment = (np.tile(each, (len(PAIRS), 1)) for each in seen(scene))
+    imagined = model.begin(np.tile(model.start(), (len(PAIRS), 1)), state, environment)
+    while imagined.going.any():
+        both = zip(PAIRS, imagined.state, imagined.environment, strict=True)
+        imagined.step(np.array([acting(*each) for each in both]))
+    return imagined
+
+
+def test_a_plan_through_what_the_map_lacks_is_not_chosen(arm):
+    """Coverage is 1 but for a hole on the way of the plan that would be taken: then another one is."""
+    grid = Grid((-1.2, -1.2, -0.4), 0.05, (48, 48, 26))
+    whole = np.zeros((*grid.shape, 1), np.float32)
+    whole[..., 0] = np.sqrt(4 * np.pi)  # Times the first harmonic: 1 everywhere.
+    imagined = played(PressModel(arm).ideal(), draw_scene(50_003))
+
+    def best(values):
+        field = DirectionalCoverage(grid, values, {})
+        return METHODS["plan_by_map"].make(Setup(12.0, field, (0.0, 0.0), 0, PRESS_BUTTONS_SPACE, model)).best(imagined)
+
+    model = PressModel(arm)
+    first = best(whole)
+    points, _ = imagined.flange(first)
+    others = np.concatenate([imagined.flange(i)[0] for i in range(len(PAIRS)) if PAIRS[i][0] != PAIRS[first][0]])
+    alone = points[np.linalg.norm(points[:, None] - others, axis=2).min(1).argmax()]
+    far = np.linalg.norm(grid.centres() - alone, axis=1).reshape(grid.shape)
+    assert best(whole * (far[..., None] > 0.08)) != first
+    anything = METHODS["plan_at_random"].make(Setup(12.0, None, (0.0, 0.0), 0, PRESS_BUTTONS_SPACE, model))
+    assert anything.best(imagined) == 0
 
 
 def test_a_method_that_imagines_needs_a_model():
