@@ -266,9 +266,9 @@ METHODS = {
             imagines=True,
         ),
         Method(
-            name="plan_at_random",
-            entry_point="policies.plan_choice:plan_at_random",
-            text="of several imagined episodes any that does the task",
+            name="plan_of_any",
+            entry_point="policies.plan_choice:plan_of_any",
+            text="of several imagined episodes the shortest, whatever the arm can do",
             field=None,
             scale=_PLANS,
             first=2.0,

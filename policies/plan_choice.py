@@ -65,6 +65,9 @@ class PlanChoice(Guidance):
         commanded: Where in the state the commanded pose is.
     """
 
+    takes_shortest = False
+    """Whether the first that will do is carried out: the others then are not imagined to their end."""
+
     def __init__(self, model: EpisodeModel, plans: int, commanded: slice) -> None:
         self.model, self.plans, self.commanded = model, plans, commanded
         self._rows: dict[int, Row] = {}
@@ -118,14 +121,17 @@ class PlanChoice(Guidance):
         shown = self.model.showings(n)
         imagined = self.model.begin(*(np.tile(each, (n, 1)) for each in (row.joints, row.state, scene)))
         draws, commanded = _drawn(noise, (n, left)), np.empty((n, left, self.commanded.stop - self.commanded.start))
+        chosen, going = None, n
         for k in range(left):
             commanded[:, k] = imagined.state[:, self.commanded]
             seen = np.where(shown, 1.0, imagined.environment)
             batch = {OBS_STATE: _observed(imagined.state, noise), OBS_ENV_STATE: _observed(seen, noise)}
             imagined.step(sample(batch, draws[:, k].to(noise))[:, 0].cpu().numpy())
-            if not imagined.going.any():
+            before, going = going, int(imagined.going.sum())
+            if going == 0 or k == left - 1 or (self.takes_shortest and going < before):
+                chosen = self.best(imagined)
+            if going == 0 or chosen is not None:
                 break
-        chosen = self.best(imagined)
         if chosen is None:
             return None
         end = int(imagined.lengths()[chosen])
@@ -135,6 +141,8 @@ class PlanChoice(Guidance):
 @final
 class PlanOnArm(PlanChoice):
     """The shortest episode of those that the arm's kinematic twin carries out without touching anything."""
+
+    takes_shortest = True
 
     def best(self, imagined: Imagined) -> int | None:
         lengths = imagined.lengths()
@@ -157,8 +165,10 @@ class PlanByMap(PlanChoice):
 
 
 @final
-class PlanAtRandom(PlanChoice):
-    """Any episode that an ideal arm does: a control, which knows nothing of the arm."""
+class PlanOfAny(PlanChoice):
+    """The shortest episode of those that an ideal arm does: a control, which knows nothing of the arm."""
+
+    takes_shortest = True
 
     def __init__(self, model: EpisodeModel, plans: int, commanded: slice) -> None:
         super().__init__(model.ideal(), plans, commanded)
@@ -188,9 +198,9 @@ def plan_by_map(given: Setup) -> PlanByMap:
     return PlanByMap(*_what_plans_need(given), cost_of(given))
 
 
-def plan_at_random(given: Setup) -> PlanAtRandom:
+def plan_of_any(given: Setup) -> PlanOfAny:
     """Of several imagined episodes any that an ideal arm does."""
-    return PlanAtRandom(*_what_plans_need(given))
+    return PlanOfAny(*_what_plans_need(given))
 
 
 def _what_plans_need(given: Setup) -> tuple[EpisodeModel, int, slice]:

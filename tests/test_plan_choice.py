@@ -116,7 +116,7 @@ def test_a_plan_through_what_the_map_lacks_is_not_chosen(arm):
     alone = points[np.linalg.norm(points[:, None] - others, axis=2).min(1).argmax()]
     far = np.linalg.norm(grid.centres() - alone, axis=1).reshape(grid.shape)
     assert best(whole * (far[..., None] > 0.08)) != first
-    anything = METHODS["plan_at_random"].make(Setup(12.0, None, (0.0, 0.0), 0, PRESS_BUTTONS_SPACE, model))
+    anything = METHODS["plan_of_any"].make(Setup(12.0, None, (0.0, 0.0), 0, PRESS_BUTTONS_SPACE, model))
     assert anything.best(imagined) == 0
 
 

@@ -108,6 +108,7 @@ class ImaginedPresses:
                 approach[:] = turned[:, 2]
         self._path = [self._now()]
         self._ended = np.full(len(joints), -1)
+        self._free: dict[int, bool] = {}
 
     def step(self, actions: Float[np.ndarray, "n 6"]) -> None:
         """Let a control step pass in those that are going on."""
@@ -153,7 +154,10 @@ class ImaginedPresses:
 
     def is_free(self, row: int) -> bool:
         """Whether the arm of a row touches nothing on its way but, with the rod, what it presses."""
-        if self._twin is None:
-            return True
+        if row not in self._free:
+            self._free[row] = self._twin is None or self._is_free(self._twin, row)
+        return self._free[row]
+
+    def _is_free(self, twin: KinematicTwin, row: int) -> bool:
         pressed = tuple(np.flatnonzero(self._pressed[row]).tolist())
-        return not self._twin.touches(self._places[row], self._normals[row], self._way(row)[:, 6:], pressed)
+        return not twin.touches(self._places[row], self._normals[row], self._way(row)[:, 6:], pressed)
