@@ -23,6 +23,8 @@ def worker_pool(
         initializer: Called in each of them first; `start_worker` if None, and otherwise to be called by it.
         arguments: For the initializer.
     """
+    if multiprocessing.get_start_method(allow_none=True) == "loky":  # In a process of joblib's.
+        multiprocessing.set_start_method("spawn", force=True)  # Its children would look for that method, and lack it.
     others = {child.pid for child in multiprocessing.active_children()}
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context, initializer or start_worker, arguments) as pool:
