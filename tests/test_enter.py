@@ -353,12 +353,12 @@ def test_a_policy_of_our_type_samples_as_it_was_saved_and_is_not_guided_twice(tm
     file = own / "weights" / "config.json"
     saved = json.loads(file.read_text()) | {"noise_scheduler_type": "DDPM", "num_inference_steps": 7}
     file.write_text(json.dumps(saved))
-    config, (checkpoint,) = settings(own, tmp_path), Entry.load(own).checkpoints([])
+    config, (checkpoint,) = settings(own, tmp_path), Entry.load(own).checkpoints([], "block_push")
     condition = Entry.load(own).rollout(config.run("xarm6", "embodied"), checkpoint, Console(quiet=True)).condition
     assert (condition.sampler, condition.sampling_steps) == ("DDPM", 7)
     file.write_text(json.dumps(saved | {"guidance_scale": 0.5}))
     with pytest.raises(SettingError, match="policy=weights is saved with guidance of its own .guidance_scale=0.5"):
-        Entry.load(own).checkpoints([])
+        Entry.load(own).checkpoints([], "block_push")
 
 
 @pytest.mark.parametrize(
