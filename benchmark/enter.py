@@ -157,14 +157,14 @@ def direct_transfer(config: EnterConfig, runs: "Sequence[RunConfig]", console: "
     from benchmark.rollouts.make_rollout import make_rollout
     from benchmark.rollouts.missing_episodes import play_and_store
 
-    if not shipped(task=config.task):  # Of another task we have no policies.
+    if not shipped(task=config.task):  # Of this task we have no policies.
         return pd.DataFrame()
     checkpoints = [checkpoint_folder(seed, task=config.task) for seed in config.seeds]
     rollouts = [make_rollout(run, 0.0, path, console) for run in runs for path in checkpoints]
     if config.scenes.start < FIRST_TEST_SEED:
         run = replace(runs[0], output_dir=str(Path(config.output_dir, "direct")))
         return pd.concat(play_and_store(rollouts, run, console, "direct transfer"))
-    published = read_present(RESULTS / "methods", rollouts[0].task)
+    published = read_present(RESULTS, rollouts[0].task)
     tables = [episodes_of(published, rollout.condition) for rollout in rollouts]
     return pd.concat(
         [table[table.episode_seed.isin(config.scenes)] for table in tables if len(table)] or [pd.DataFrame()]

@@ -24,18 +24,22 @@ class PoseCost:
     def value_and_gradients(
         self, points: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
     ) -> ValueAndGradients:
-        """At positions, in [m], and directions of any length; outside the field as at the nearest point of its edge."""
+        """At positions, in [m], and directions of any length; outside the field as at the nearest point of its edge.
+
+        A row of a batch without an episode has a direction of length 0, and costs what one straight up does.
+        """
         first, last = np.array([axis[[0, -1]] for axis in self.field.grid.axes()]).T
-        unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        length = np.linalg.norm(directions, axis=1, keepdims=True)
+        unit = np.where(length > 0, directions / np.where(length > 0, length, 1), [0.0, 0.0, 1.0])
         at = self.field.value_and_gradients(points.clip(first, last), unit)
         if isinstance(self.field, DirectionalEnergy):
             return at
         return ValueAndGradients(1 - at.value, -at.position, -at.direction)
 
-    def value(self, points: Float[Tensor, "*b 3"], directions: Float[Tensor, "*b 3"]) -> Float[np.ndarray, " *b"]:
-        """Of poses as tensors."""
-        flat = (each.detach().double().cpu().numpy().reshape(-1, 3) for each in (points, directions))
-        return self.value_and_gradients(*flat).value.reshape(points.shape[:-1])
+    def of_tensors(self, points: Float[Tensor, "*b 3"], directions: Float[Tensor, "*b 3"]) -> ValueAndGradients:
+        """Of poses as tensors, row after row."""
+        rows = (each.detach().double().cpu().numpy().reshape(-1, 3) for each in (points, directions))
+        return self.value_and_gradients(*rows)
 
 
 @final
@@ -56,8 +60,7 @@ class PoseDescent(Guidance):
         with torch.inference_mode(False), torch.enable_grad():
             free = actions.clone().requires_grad_()
             poses = self.path.poses(free, state.clone())
-            flat = (each.detach().double().cpu().numpy().reshape(-1, 3) for each in poses)
-            at = self.cost.value_and_gradients(*flat)
+            at = self.cost.of_tensors(*poses)
             slopes = (torch.as_tensor(each).to(free).view_as(poses[0]) for each in (at.position, at.direction))
             along = sum((pose * slope).sum() for pose, slope in zip(poses, slopes, strict=True))
             (gradient,) = torch.autograd.grad(along, free)
@@ -66,7 +69,7 @@ class PoseDescent(Guidance):
 
 @final
 class PoseBestOf(Guidance):
-    """Of several sampled chunks the one whose dearest pose is cheapest; the first of equals."""
+    """Of several sampled chunks the one whose worst pose costs least; the first of equals."""
 
     def __init__(self, cost: PoseCost, samples: int, path: FlangePath) -> None:
         self.cost, self.samples, self.path = cost, samples, path
@@ -75,8 +78,9 @@ class PoseBestOf(Guidance):
         self, chunks: Float[Tensor, "b n t action"], state: Float[Tensor, "b state"]
     ) -> Float[Tensor, "b t action"]:
         b, n = chunks.shape[:2]
-        dearest = self.cost.value(*self.path.poses(chunks.flatten(0, 1), state.repeat_interleave(n, 0))).max(1)
-        best = torch.as_tensor(dearest.reshape(b, n).argmin(1), device=chunks.device)
+        poses = self.path.poses(chunks.flatten(0, 1), state.repeat_interleave(n, 0))
+        worst = self.cost.of_tensors(*poses).value.reshape(b, n, -1).max(2)
+        best = torch.as_tensor(worst.argmin(1), device=chunks.device)
         return chunks[torch.arange(b, device=chunks.device), best]
 
 
@@ -86,7 +90,7 @@ def pose_chunk(given: Setup) -> PoseDescent:
 
 
 def pose_best_of_n(given: Setup) -> PoseBestOf:
-    """The sample whose dearest pose is cheapest."""
+    """The sample whose worst pose costs least."""
     return PoseBestOf(cost_of(given), int(given.scale), FlangePath(given.space))
 
 

@@ -77,6 +77,18 @@ def test_the_best_chunk_is_the_one_whose_worst_pose_is_best(task, kind, fields):
         assert torch.equal(best[row], chunks[row, worst.argmin()])
 
 
+@pytest.mark.parametrize("task", SPACES)
+def test_a_row_without_an_episode_changes_no_other_and_is_finite(task, fields):
+    space = SPACES[task]
+    state, chunks = moment(space, 2, 6)
+    some = state * torch.tensor([[1.0], [0.0]])
+    cost, path = PoseCost(fields["witness"]), FlangePath(space)
+    descended = [PoseDescent(cost, 1.0, path).descent(chunks, each) for each in (state, some)]
+    chosen = [PoseBestOf(cost, 2, path).choose(chunks.unflatten(1, (2, 3)), each) for each in (state, some)]
+    for all_rows, with_zeros in (descended, chosen):
+        assert torch.equal(all_rows[0], with_zeros[0]) and with_zeros.isfinite().all()
+
+
 def test_outside_of_a_field_its_edge_counts(fields):
     cost, direction = PoseCost(fields["coverage"]), np.array([[0.0, 0.6, 0.8]])
     inside = cost.value_and_gradients(np.array([[0.5, 0.1, GRID.axes()[2][-1]]]), direction)
