@@ -45,10 +45,8 @@ def main(config: CeilingsConfig) -> None:
     from benchmark.scoring.scores import with_interval
     from benchmark.scoring.suite_table import by_condition
 
-    file, task = (
-        Path(config.output) if config.output else ceilings_file(config.suite),
-        chosen_task(suite_task(config.suite)),
-    )
+    file = Path(config.output) if config.output else ceilings_file(config.suite)
+    task = chosen_task(suite_task(config.suite))
     if file.exists():
         raise SettingError(f"{file} is there, and is frozen with the suite. To make others, give output=.")
     rows = read_tables(Path(config.table) if config.table else file.parent, task.name)

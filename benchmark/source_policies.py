@@ -62,7 +62,6 @@ class SourcePoliciesConfig:
         check_recipe(self.recipe)
         made = self.recipe == USUAL or MADE_BY[self.recipe].demonstrations.task == self.task
         check_setting(made, "recipe", self.recipe, f"{USUAL}, the one for task={self.task}")
-        self.demonstrations  # noqa: B018, is of a task that gives some
         check_setting(bool(self.seeds) and min(self.seeds) >= 0, "seeds", self.seeds, "whole numbers >= 0")
         within = bool(self.candidates) and 1 <= min(self.candidates) <= max(self.candidates) <= self.steps
         check_setting(within, "candidates", self.candidates, f"steps from 1 to {self.steps}")
@@ -73,6 +72,7 @@ class SourcePoliciesConfig:
         check_scenes(self.seed_start, self.episodes)
         check_setting(self.device in ("cpu", "cuda"), "device", self.device, "cpu, cuda")
         check_folder(self.output_dir)
+        check_folder(self.demonstrations.folder)
 
     @property
     def demonstrations(self) -> CollectConfig:

@@ -68,8 +68,8 @@ class FlangePath:
         self, actions: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
     ) -> tuple[Float[Tensor, "b t 3"], Float[Tensor, "b t 3"]]:
         """Flange positions in the world, in [m], and approach directions that a chunk commands; autograd can follow."""
-        steps, directions, like = self.space.steps, self.turned(actions, state), {"dtype": actions.dtype}
-        like |= {"device": actions.device}
+        steps, directions = self.space.steps, self.turned(actions, state)
+        like = {"dtype": actions.dtype, "device": actions.device}
         still = torch.as_tensor([x * (i not in steps.moved) for i, x in enumerate(steps.position)], **like)
         points = still + self.places(actions, state) @ torch.eye(3, **like)[steps.moved]
         if directions is None:

@@ -139,8 +139,8 @@ class PlanChoice(Guidance):
 
 
 @final
-class PlanOnArm(PlanChoice):
-    """The shortest episode of those that the arm's kinematic twin carries out without touching anything."""
+class ShortestPlan(PlanChoice):
+    """The shortest episode that does the task without touching anything that is not to be touched."""
 
     takes_shortest = True
 
@@ -152,29 +152,16 @@ class PlanOnArm(PlanChoice):
 
 @final
 class PlanByMap(PlanChoice):
-    """The episode of an ideal arm whose dearest pose is cheapest by maps."""
+    """The episode whose worst pose costs least by maps."""
 
     def __init__(self, model: EpisodeModel, plans: int, commanded: slice, cost: PoseCost) -> None:
-        super().__init__(model.ideal(), plans, commanded)
+        super().__init__(model, plans, commanded)
         self.cost = cost
 
     def best(self, imagined: Imagined) -> int | None:
         done = np.flatnonzero(~imagined.going).tolist()
-        dearest = [self.cost.value_and_gradients(*imagined.flange(i)).value.max() for i in done]
-        return done[int(np.argmin(dearest))] if done else None
-
-
-@final
-class PlanOfAny(PlanChoice):
-    """The shortest episode of those that an ideal arm does: a control, which knows nothing of the arm."""
-
-    takes_shortest = True
-
-    def __init__(self, model: EpisodeModel, plans: int, commanded: slice) -> None:
-        super().__init__(model.ideal(), plans, commanded)
-
-    def best(self, imagined: Imagined) -> int | None:
-        return next(iter(np.flatnonzero(~imagined.going).tolist()), None)
+        worst = [self.cost.value_and_gradients(*imagined.flange(i)).value.max() for i in done]
+        return done[int(np.argmin(worst))] if done else None
 
 
 def _observed(values: np.ndarray, like: Tensor) -> Tensor:
@@ -188,21 +175,22 @@ def _drawn(noise: Float[Tensor, " *chunk"], count: tuple[int, ...]) -> Tensor:
     return torch.randn((*count, *noise.shape), generator=torch.Generator().manual_seed(seed))
 
 
-def plan_on_arm(given: Setup) -> PlanOnArm:
-    """Of several imagined episodes one that the arm can carry out."""
-    return PlanOnArm(*_what_plans_need(given))
+def plan_on_arm(given: Setup) -> ShortestPlan:
+    """Of several episodes that are imagined on the arm's kinematic twin the shortest that it can carry out."""
+    return ShortestPlan(_model(given), int(given.scale), given.space.state[given.space.commanded])
+
+
+def plan_of_any(given: Setup) -> ShortestPlan:
+    """Of several episodes of an ideal arm the shortest: a control, which knows nothing of the arm."""
+    return ShortestPlan(_model(given).ideal(), int(given.scale), given.space.state[given.space.commanded])
 
 
 def plan_by_map(given: Setup) -> PlanByMap:
-    """Of several imagined episodes the one whose dearest pose is cheapest by maps."""
-    return PlanByMap(*_what_plans_need(given), cost_of(given))
+    """Of several episodes of an ideal arm the one whose worst pose costs least by maps."""
+    commanded = given.space.state[given.space.commanded]
+    return PlanByMap(_model(given).ideal(), int(given.scale), commanded, cost_of(given))
 
 
-def plan_of_any(given: Setup) -> PlanOfAny:
-    """Of several imagined episodes any that an ideal arm does."""
-    return PlanOfAny(*_what_plans_need(given))
-
-
-def _what_plans_need(given: Setup) -> tuple[EpisodeModel, int, slice]:
+def _model(given: Setup) -> EpisodeModel:
     assert given.model is not None  # `policies.methods` has seen to it.
-    return given.model, int(given.scale), given.space.state[given.space.commanded]
+    return given.model

@@ -35,16 +35,16 @@ def test_a_shipped_policy_does_its_task(checkpoint):
         }
         noise = episode_noise([seed], step, policy.noise_shape)
         action = policy.select_action({key: torch.from_numpy(value[None]) for key, value in batch.items()}, noise)
-        assert env.action_space.contains(action[0].numpy())
+        assert (action.abs() <= torch.tensor(policy.config.action_units)).all()
         observation, _, terminated, truncated, info = env.step(action[0].numpy())
         step, over = step + 1, terminated or truncated
     assert info["p2"]
 
 
 @pytest.mark.results
-@pytest.mark.parametrize("checkpoint", CHECKPOINTS, ids=lambda path: str(path.relative_to(FOLDER)))
-def test_a_checkpoint_fits_in_7_mb(checkpoint):
-    assert sum(file.stat().st_size for file in checkpoint.iterdir()) < 7e6
+@pytest.mark.parametrize("checkpoint", sorted(FOLDER.glob("*seed*-*")), ids=lambda path: path.name)
+def test_nine_of_a_checkpoint_fit_in_40_mb(checkpoint):
+    assert 9 * sum(file.stat().st_size for file in checkpoint.iterdir()) < 40e6
 
 
 def test_a_policy_is_told_by_all_that_decides_its_actions(tmp_path):

@@ -155,7 +155,7 @@ def arm_coverage(
     def build() -> DirectionalCoverage:
         return DirectionalCoverage.from_map(*arm_map(arm, map_config, workers, console), arm.as_mapped()[1])
 
-    return _directional("coverage", arm, map_config, DirectionalCoverage, build)
+    return _directional("coverage", arm, map_config, {}, DirectionalCoverage, build)
 
 
 def arm_witness(
@@ -166,22 +166,28 @@ def arm_witness(
     Returns:
         The field, in the world frame, and its file in the cache.
     """
+    from richmap.robots.robots import load_robot
     from richmap.similarity.directional import DirectionalEnergy
 
     def build() -> DirectionalEnergy:
         both = arm_maps(arm, map_config, workers, console)
         return DirectionalEnergy.from_maps(*both, arm.as_mapped()[1], "coverages")
 
-    return _directional("witness", arm, map_config, DirectionalEnergy, build)
+    of_source = {"source": load_robot(SOURCE).fingerprint}
+    return _directional("witness", arm, map_config, of_source, DirectionalEnergy, build)
 
 
 def _directional[F: ("DirectionalCoverage", "DirectionalEnergy")](
-    name: str, arm: "PlacedArm", map_config: MapConfig, kind: type[F], build: Callable[[], F]
+    name: str,
+    arm: "PlacedArm",
+    map_config: MapConfig,
+    more: dict[str, str],
+    kind: type[F],
+    build: Callable[[], F],
 ) -> tuple[F, Path]:
-    """Such a field from the cache, or made now."""
+    """Such a field from the cache, or made now; `more` is what else it follows from."""
     from richmap.cache import cached, made_from
     from richmap.maps.cached_map import MAP_VERSION
-    from richmap.robots.robots import load_robot
 
     target, base = arm.as_mapped()
     inputs = {
@@ -190,9 +196,7 @@ def _directional[F: ("DirectionalCoverage", "DirectionalEnergy")](
         "base": [x + 0.0 for x in base],  # No negative zero.
         "map": asdict(map_config) | {"version": MAP_VERSION},
     }
-    if name == "witness":
-        inputs["source"] = load_robot(SOURCE).fingerprint
-    key = made_from(inputs, FIELD_VERSION)
+    key = made_from(inputs | more, FIELD_VERSION)
 
     def made() -> F:
         field = build()

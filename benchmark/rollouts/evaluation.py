@@ -62,7 +62,6 @@ def evaluate(
 
 def _folder(policy: str | Path, task: str) -> Path:
     """Of a policy: the task's one of this name that ships or was trained here, or else the folder itself."""
-    named = [
-        folder for root in CHECKPOINTS if ((folder := of_task(root, task) / policy) / "model.safetensors").exists()
-    ]
+    folders = [of_task(root, task) / policy for root in CHECKPOINTS]
+    named = [folder for folder in folders if (folder / "model.safetensors").exists()]
     return named[0] if named else Checkpoint.from_path(str(policy)).folder
