@@ -92,6 +92,7 @@ _BORDER = "push at the border of what the arm can hold, in normalised action uni
 _RADIAL = "push, the same everywhere, in normalised action units"
 _SAMPLES = "number of chunks sampled, of which the best is taken"
 _PLANS = "number of episodes imagined at once"
+_ENOUGH = "merit from which on ways count as alike: 1 less what the pose at the worst goal costs, without a unit"
 _DESCENT = "descent of the normalised clean actions per unit of the cost's slope along the chunk"
 
 METHODS = {
@@ -244,6 +245,44 @@ METHODS = {
             scale=_SAMPLES,
             first=2.0,
             counts=True,
+        ),
+        Method(
+            name="way_by_map",
+            entry_point="policies.way_choice:way_by_map",
+            text="of the ways to do the task the one is shown alone whose worst goal the arm's map covers best",
+            field="coverage",
+            scale=_ENOUGH,
+            first=0.125,
+            imagines=True,
+        ),
+        Method(
+            name="way_by_witness",
+            entry_point="policies.way_choice:way_by_map",
+            text="the same with directions that only the source has in place of those that the arm lacks",
+            field="witness",
+            scale=_ENOUGH,
+            first=0.125,
+            imagines=True,
+        ),
+        Method(
+            name="way_of_any",
+            entry_point="policies.way_choice:way_of_any",
+            text="the same with the way that is named first, whatever the arm can do",
+            field=None,
+            scale="1",
+            first=1.0,
+            counts=True,
+            imagines=True,
+        ),
+        Method(
+            name="way_on_arm",
+            entry_point="policies.way_choice:way_on_arm",
+            text="of the ways to do the task one is shown alone that the arm's kinematic twin can go",
+            field=None,
+            scale="number of the scripted expert's paths that are tried along each way, in each order",
+            first=1.0,
+            counts=True,
+            imagines=True,
         ),
         Method(
             name="plan_by_map",
