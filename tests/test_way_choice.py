@@ -141,7 +141,7 @@ def test_where_only_one_order_can_be_gone_its_first_button_is_shown_alone(model)
 
 
 def test_it_tires_of_a_button_that_it_stays_before(model):
-    """The tool stands still before button 0: from the third look on the way leads elsewhere, and it never comes back."""
+    """The tool stands still before button 0: from the second look on no way leads there."""
     chosen, scene = guidance("way_on_arm", 1.0, model.ideal()), draw_scene(50_000)
     chosen.reset([1])
     stuck = np.tile(np.r_[scene.places[0] + 0.02 * scene.normals[0], -scene.normals[0]], 2)
