@@ -7,12 +7,12 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 
-from benchmark.scoring.anytime import _best_likelihood, anytime_difference, first_clear, log_e_value
+from benchmark.scoring.anytime import _best_likelihood, anytime_difference, evidence, first_clear, log_e_value
 
 RUNS, PAIRS, ALPHA = 4000, 500, 0.05
 
 
-def evidence(won, lost):
+def after(won, lost):
     return float(np.exp(log_e_value(np.array(won), np.array(lost))))
 
 
@@ -21,18 +21,18 @@ def evidence(won, lost):
 )
 def test_small_counts_by_hand(won, lost, expected):
     """2^n w! l! / (n + 1)!"""
-    assert evidence(won, lost) == pytest.approx(expected) == pytest.approx(evidence(lost, won))
+    assert after(won, lost) == pytest.approx(expected) == pytest.approx(after(lost, won))
 
 
 def test_it_is_the_mean_of_likelihood_ratios_over_all_coins():
     ratio, _ = quad(lambda p: (p / 0.5) ** 9 * ((1 - p) / 0.5) ** 4, 0, 1)
-    assert evidence(9, 4) == pytest.approx(ratio)
+    assert after(9, 4) == pytest.approx(ratio)
 
 
 @pytest.mark.parametrize("won, lost", [(0, 0), (3, 1), (0, 6)])
 def test_a_bet_on_a_fair_coin_is_expected_to_gain_nothing(won, lost):
-    after = (evidence(won + 1, lost) + evidence(won, lost + 1)) / 2
-    assert after == pytest.approx(evidence(won, lost))
+    expected = (after(won + 1, lost) + after(won, lost + 1)) / 2
+    assert expected == pytest.approx(after(won, lost))
 
 
 def ever_clear(rng, chances):
@@ -54,10 +54,12 @@ def test_a_difference_of_ten_points_is_found():
 
 def test_it_is_clear_from_the_pair_on_that_suffices():
     differences = np.array([0, 1, 1, 1, 1, 1, 1, 1, 0, 1])
-    assert evidence(7, 0) < 20 <= evidence(8, 0)
+    assert evidence(differences).tolist() == pytest.approx([after(n, 0) for n in (0, 1, 2, 3, 4, 5, 6, 7, 7, 8)])
+    assert after(7, 0) < 20 <= after(8, 0)
     assert first_clear(differences, 0.05) == 10 and first_clear(differences[:9], 0.05) is None
     assert first_clear(-differences, 0.05) == 10 and first_clear(differences, 0.25) == 6
     assert first_clear(differences[:0], 0.05) is None
+    assert evidence(np.ones(5000, int))[-1] > 1e300
 
 
 @pytest.mark.parametrize("counts, delta", [((7, 2, 11), 0.0), ((7, 2, 11), -0.4), ((0, 3, 5), 0.2), ((4, 0, 0), 0.9)])

@@ -91,7 +91,7 @@ def test_what_stopping_early_says_of_files(write, capsys):
     given = dict(zip("ab", map(str, files), strict=True))
     compare_policies.main(ComparePoliciesConfig(**given, stop_early=True))
     shown = capsys.readouterr().out
-    assert "Evidence e = 315 (20 is clear): clear after 8 pairs." in shown and "sign test" not in shown
+    assert "at its greatest: e = 315 (20 is clear): clear after 8 pairs." in shown and "sign test" not in shown
     compare_policies.main(ComparePoliciesConfig(**given, stop_early=True, alpha=0.0001))
     assert "(10000 is clear): not clear yet." in capsys.readouterr().out
 

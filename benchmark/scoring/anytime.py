@@ -24,6 +24,16 @@ def log_e_value(won: Int[np.ndarray, "*n"], lost: Int[np.ndarray, "*n"]) -> Floa
     return betaln(1.0 + won, 1.0 + lost) - betaln(1.0, 1.0) + (won + lost) * math.log(2)
 
 
+def evidence(differences: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """The evidence after each pair.
+
+    Args:
+        differences: Of each pair in the order in which they came: 1, 0 or -1.
+    """
+    won, lost = np.cumsum(differences > 0), np.cumsum(differences < 0)
+    return np.exp(np.minimum(log_e_value(won, lost), 700.0))  # Beyond it is no number.
+
+
 def first_clear(differences: Int[np.ndarray, " n"], alpha: float) -> int | None:
     """After how many pairs the evidence first reached 1 / alpha; None if it never did.
 
@@ -31,8 +41,7 @@ def first_clear(differences: Int[np.ndarray, " n"], alpha: float) -> int | None:
         differences: Of each pair in the order in which they came: 1, 0 or -1.
         alpha: How often, at most, this is to happen without a difference.
     """
-    won, lost = np.cumsum(differences > 0), np.cumsum(differences < 0)
-    clear = log_e_value(won, lost) >= -math.log(alpha)
+    clear = evidence(differences) >= 1 / alpha
     return int(clear.argmax()) + 1 if clear.any() else None
 
 

@@ -2,9 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from benchmark.scoring.anytime import anytime_difference, first_clear, log_e_value
+from benchmark.scoring.anytime import anytime_difference, evidence, first_clear
 from benchmark.settings.setting import SettingError
 
 if TYPE_CHECKING:
@@ -23,6 +21,8 @@ def paired_episodes(a: "pd.DataFrame", b: "pd.DataFrame") -> "pd.DataFrame":
     Raises:
         SettingError: If they are not of the same scenes.
     """
+    import pandas as pd
+
     ours, theirs = dict([*a.groupby(OF_TASK)]), dict([*b.groupby(OF_TASK)])
     if ours.keys() != theirs.keys():
         raise SettingError(
@@ -50,8 +50,6 @@ def paired_episodes(a: "pd.DataFrame", b: "pd.DataFrame") -> "pd.DataFrame":
         elif b.attrs["seeded"]:
             one = one.assign(seed=other.seed.to_numpy())
         parts.append(one[[*OF_TASK, "seed"]].assign(a=one.success.to_numpy(), b=other.success.to_numpy()))
-    import pandas as pd
-
     return pd.concat(parts, ignore_index=True)
 
 
@@ -90,11 +88,11 @@ def comparison_text(pairs: "pd.DataFrame", names: tuple[str, str], alpha: float 
         lines.append(f"a minus b on the same scenes, in points: {_points(paired_difference(a, b))}.")
         lines.append(f"{differ} Exact sign test: p = {paired_p_value(a, b):.2g}.")
         return "\n".join(lines)
-    e, after = float(np.exp(log_e_value(np.array(won), np.array(lost)))), first_clear(signs, alpha)
+    e, after = float(evidence(signs).max()), first_clear(signs, alpha)
     interval = _points(anytime_difference(signs, alpha))
     lines.append(f"a minus b on the same scenes, in points: {interval}, at {100 * (1 - alpha):g} % whenever one stops.")
     said = "not clear yet" if after is None else f"clear after {after} pairs"
-    lines.append(f"{differ} Evidence e = {e:.3g} ({1 / alpha:g} is clear): {said}.")
+    lines.append(f"{differ} Evidence, at its greatest: e = {e:.3g} ({1 / alpha:g} is clear): {said}.")
     return "\n".join(lines)
 
 
