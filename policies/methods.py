@@ -13,6 +13,15 @@ if TYPE_CHECKING:
 
 DIRECT = "direct"
 """What a scale of 0 is, whatever the method."""
+FIELD_NEEDS = {
+    "energy": ("source's map", "target's map"),
+    "witness": ("source's map", "target's map"),
+    "coverage": ("target's map",),
+    "feasibility": ("arm's description",),
+}
+"""What each kind of field is made of."""
+SIMULATOR = "simulator (privileged)"
+"""What no robot has: the episode itself, to try things in."""
 MOST_SAMPLES = 32
 """Of methods that choose among samples: they do not collapse, but cost more and more."""
 
@@ -38,6 +47,14 @@ class Method:
     """Whether the scale is a whole number."""
     imagines: bool = False
     """Whether it needs a model of the task's episodes on the arm (`envs.task.Task.model`)."""
+    also_needs: tuple[str, ...] = ()
+    """What it has to be given besides its field and that model, such as `SIMULATOR`."""
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """What it has to be given besides the policy."""
+        model = ("a model of the task",) if self.imagines else ()
+        return (*FIELD_NEEDS.get(self.field or "", ()), *self.also_needs, *model)
 
     def scales(self, points: int) -> list[float]:
         """The scales that are tried, smallest first, each twice the one before."""
@@ -117,6 +134,7 @@ METHODS = {
         Method(
             name="away",
             entry_point="policies.guidance_methods:away",
+            also_needs=("where the arm stands",),
             text="from the base, the same everywhere",
             field=None,
             scale=_RADIAL,
@@ -125,6 +143,7 @@ METHODS = {
         Method(
             name="towards",
             entry_point="policies.guidance_methods:towards",
+            also_needs=("where the arm stands",),
             text="to the base, the same everywhere",
             field=None,
             scale=_RADIAL,
@@ -317,6 +336,7 @@ METHODS = {
         Method(
             name="plan_on_arm",
             entry_point="policies.plan_choice:plan_on_arm",
+            also_needs=("arm's description",),
             text="of several imagined episodes one that the arm's kinematic twin can carry out",
             field=None,
             scale=_PLANS,

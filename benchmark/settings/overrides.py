@@ -1,7 +1,7 @@
 """Arguments of a command as people type them: Hydra's flags, and overrides `setting=value`."""
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Quote, QuotedString
@@ -52,6 +52,15 @@ def split(arguments: Iterable[str]) -> tuple[list[str], list[str]]:
         if allowed and flags[-1] not in allowed:
             raise SettingError(f"{flag} {flags[-1]} is not allowed. Allowed: {', '.join(allowed)}.")
     return flags, overrides
+
+
+def named(overrides: Sequence[str], positional: Sequence[str]) -> list[str]:
+    """The overrides, in which the first arguments that are not setting=value have the names of these settings."""
+    bare = [argument for argument in overrides if "=" not in argument and not argument.startswith("~")]
+    names: dict[str, list[str]] = {}
+    for name, argument in zip(positional, bare, strict=False):
+        names.setdefault(argument, []).append(name)
+    return [f"{names[each].pop(0)}={each}" if names.get(each) else each for each in overrides]
 
 
 FORMER = {"slots": "batch_size"}
