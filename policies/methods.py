@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import policies.guidance
     import policies.setup
+    from richmap.task_spaces.task_space import TaskSpace
 
 DIRECT = "direct"
 """What a scale of 0 is, whatever the method."""
@@ -47,6 +48,8 @@ class Method:
     """Whether the scale is a whole number."""
     imagines: bool = False
     """Whether it needs a model of the task's episodes on the arm (`envs.task.Task.model`)."""
+    task: str | None = None
+    """Name of the only task that it is for; None for any that its field is of."""
     also_needs: tuple[str, ...] = ()
     """What it has to be given besides its field and that model, such as `SIMULATOR`."""
 
@@ -55,6 +58,14 @@ class Method:
         """What it has to be given besides the policy."""
         model = ("a model of the task",) if self.imagines else ()
         return (*FIELD_NEEDS.get(self.field or "", ()), *self.also_needs, *model)
+
+    def refusal(self, space: "TaskSpace") -> str:
+        """Why it cannot act in a task, in words; empty if it can."""
+        if self.task not in (None, space.name):
+            return f"{self.name} is for {self.task} alone"
+        if self.field == "feasibility" and len(space.steps.moved) != 2:
+            return f"{self.name} looks at where an arm holds its tool upright at one height, unlike {space.name}"
+        return ""
 
     def scales(self, points: int) -> list[float]:
         """The scales that are tried, smallest first, each twice the one before."""
@@ -77,6 +88,8 @@ class Method:
     def _check(self, given: "policies.setup.Setup") -> None:
         from richmap.similarity.load_field import FIELDS
 
+        if why := self.refusal(given.space):
+            raise ValueError(f"Guidance: {why}.")
         if self.field is not None and given.field is None:
             raise ValueError(f"Guidance {self.name!r} needs a field of {self.field}.")
         if self.field is not None and not isinstance(given.field, FIELDS[self.field]):
@@ -230,6 +243,7 @@ METHODS = {
             field="feasibility",
             scale="how far inside the border a push must keep the tool, in [m], to be made first",
             first=0.0025,
+            task="block_push",
         ),
         Method(
             name="chunk_witness",

@@ -16,7 +16,7 @@ from benchmark.settings.config import RunConfig
 from benchmark.settings.robot_config import RobotConfig
 from benchmark.studies.lerobot_agreement import compare, lerobot_eval
 from envs import ENVIRONMENTS
-from envs.block_push.lerobot_environment import GuidedPushEnvConfig
+from envs.lerobot_environment import GuidedPushEnvConfig
 from policies.modeling_guided_push import GuidedPushPolicy
 
 pytestmark = pytest.mark.system
