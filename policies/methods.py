@@ -316,6 +316,7 @@ METHODS = {
             first=1.0,
             counts=True,
             imagines=True,
+            also_needs=("arm's description",),
         ),
         Method(
             name="plan_by_map",

@@ -53,13 +53,14 @@ def method_pairs(
         direct = few[few.method == DIRECT].set_index(PAIR).score.rename("direct")
         pairs = few.join(direct, on=PAIR, how="inner")
         of_ceiling = ceilings[condition].on(sorted({*pairs.episode_seed})) if condition in ceilings else None
-        index = pd.MultiIndex.from_arrays([of_ceiling.trainings, of_ceiling.episodes] if of_ceiling else [[], []])
-        reached = pd.Series(of_ceiling.values if of_ceiling else [], index, dtype=float)
-        pairs["room"] = reached.reindex(pd.MultiIndex.from_frame(pairs[PAIR])).to_numpy() - pairs.direct
+        pairs["room"] = np.nan
+        if of_ceiling:
+            reached = pd.Series(of_ceiling.values, [of_ceiling.trainings, of_ceiling.episodes])
+            pairs["room"] = reached.reindex(pd.MultiIndex.from_frame(pairs[PAIR])).to_numpy() - pairs.direct
         pairs["whole"] = pairs.groupby(["method", "lambda"]).score.transform("size") == len(direct)
         about = {"condition": condition, "saturated": conditions[condition].saturated}
         parts.append(pairs.assign(**about, gain=pairs.score - pairs.direct))
-    return pd.concat(parts, ignore_index=True)
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
 
 
 def suite_ranking(pairs: "pd.DataFrame", counted: Sequence[str]) -> "pd.DataFrame":

@@ -136,7 +136,8 @@ def remarks(
     ranking: "pd.DataFrame", suite: str, counted: Sequence[str], ceilings: Mapping[str, Ceiling]
 ) -> "list[str]":
     """What there is to say of a ranking: why methods have no share or no rank, and which are tied."""
-    methods, said = ranking[~ranking.method.isin(REFERENCES)], []
+    methods = ranking[~ranking.method.isin(REFERENCES)]
+    said: list[str] = []
     if methods.empty or not counted:
         return said
     if not {*counted} <= {*ceilings}:
