@@ -93,6 +93,7 @@ _RADIAL = "push, the same everywhere, in normalised action units"
 _SAMPLES = "number of chunks sampled, of which the best is taken"
 _PLANS = "number of episodes imagined at once"
 _DESCENT = "descent of the normalised clean actions per unit of the cost's slope along the chunk"
+_IN_NOISE = "how much of the slope along the chunk is added to the noise, in normalised action units"
 
 METHODS = {
     method.name: method
@@ -244,6 +245,22 @@ METHODS = {
             scale=_SAMPLES,
             first=2.0,
             counts=True,
+        ),
+        Method(
+            name="dynaguide_feasibility",
+            entry_point="policies.published_rules:dynaguide_feasibility",
+            text="DynaGuide's rule, by the slope of infeasibility",
+            field="feasibility",
+            scale=_IN_NOISE,
+            first=0.25,
+        ),
+        Method(
+            name="dynaguide_coverage",
+            entry_point="policies.published_rules:dynaguide_coverage",
+            text="DynaGuide's rule, by directions that the arm lacks",
+            field="coverage",
+            scale=_IN_NOISE,
+            first=0.25,
         ),
         Method(
             name="plan_by_map",
