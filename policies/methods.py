@@ -263,6 +263,22 @@ METHODS = {
             first=0.25,
         ),
         Method(
+            name="itps_feasibility",
+            entry_point="policies.published_rules:itps_feasibility",
+            text="ITPS's rule, by the slope of infeasibility",
+            field="feasibility",
+            scale=_IN_NOISE,
+            first=0.25,
+        ),
+        Method(
+            name="itps_coverage",
+            entry_point="policies.published_rules:itps_coverage",
+            text="ITPS's rule, by directions that the arm lacks",
+            field="coverage",
+            scale=_IN_NOISE,
+            first=0.25,
+        ),
+        Method(
             name="plan_by_map",
             entry_point="policies.plan_choice:plan_by_map",
             text="of several imagined episodes the one that the arm's map covers best",

@@ -6,6 +6,7 @@ distance or by the approach directions of its map. `docs/methods.md` says of eac
 
 from typing import final
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -43,6 +44,32 @@ class DynaGuide(Guidance):
         return (1 - alpha).sqrt()
 
 
+@final
+class StochasticSampling(Guidance):
+    r"""Several MCMC steps at each level of noise (ITPS, arXiv 2411.16627, Eq. 5 and Algorithm 1).
+
+    A step is :math:`a_t \leftarrow a_t - \gamma_t (\epsilon + \beta \nabla_a U(a_t)) + \sigma_t \eta`, the slope taken
+    at the noisy actions; the last one at each level is that of the sampler, with the same noise. With
+    :math:`\gamma_t = \sigma_t = \sqrt{1 - \bar\alpha_t}`, as in the authors' code, it noises the predicted clean
+    actions anew.
+    """
+
+    looks_ahead = True
+    looks_at_noise = True
+    repeats = REPEATS
+
+    def __init__(self, cost: Descent | PoseDescent) -> None:
+        self.cost = cost
+
+    def descent(
+        self, actions: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
+    ) -> Float[Tensor, "b t action"]:
+        return self.cost.descent(actions, state)
+
+    def weight(self, alpha: Float[Tensor, ""], share: float) -> Float[Tensor, ""]:
+        return torch.ones_like(alpha)
+
+
 def dynaguide_feasibility(given: Setup) -> DynaGuide:
     """DynaGuide's rule, by what the arm cannot hold."""
     return DynaGuide(chunk_feasibility(given))
@@ -51,3 +78,13 @@ def dynaguide_feasibility(given: Setup) -> DynaGuide:
 def dynaguide_coverage(given: Setup) -> DynaGuide:
     """DynaGuide's rule, by the approach directions that the arm's map lacks."""
     return DynaGuide(pose_chunk(given))
+
+
+def itps_feasibility(given: Setup) -> StochasticSampling:
+    """ITPS's rule, by what the arm cannot hold."""
+    return StochasticSampling(chunk_feasibility(given))
+
+
+def itps_coverage(given: Setup) -> StochasticSampling:
+    """ITPS's rule, by the approach directions that the arm's map lacks."""
+    return StochasticSampling(pose_chunk(given))
