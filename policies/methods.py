@@ -94,6 +94,7 @@ _SAMPLES = "number of chunks sampled, of which the best is taken"
 _PLANS = "number of episodes imagined at once"
 _DESCENT = "descent of the normalised clean actions per unit of the cost's slope along the chunk"
 _IN_NOISE = "how much of the slope along the chunk is added to the noise, in normalised action units"
+_INSIDE = "how far inside the border the chunk is kept, in [m]"
 
 METHODS = {
     method.name: method
@@ -277,6 +278,14 @@ METHODS = {
             field="coverage",
             scale=_IN_NOISE,
             first=0.25,
+        ),
+        Method(
+            name="final_constraint",
+            entry_point="policies.published_rules:final_constraint",
+            text="DiRecT's rule: the clean chunk kept inside that border",
+            field="feasibility",
+            scale=_INSIDE,
+            first=0.000625,
         ),
         Method(
             name="plan_by_map",

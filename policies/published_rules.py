@@ -4,6 +4,7 @@ A rule is the way in which something is applied; what it is guided by here is wh
 distance or by the approach directions of its map. `docs/methods.md` says of each paper what was read and what not.
 """
 
+from collections.abc import Callable
 from typing import final
 
 import torch
@@ -12,7 +13,7 @@ from torch import Tensor
 
 from policies.directional_methods import PoseDescent, pose_chunk
 from policies.guidance import Guidance
-from policies.guidance_methods import Descent, chunk_feasibility
+from policies.guidance_methods import Descent, Projection, chunk_feasibility, projection
 from policies.setup import Setup
 
 REPEATS = 4
@@ -70,6 +71,40 @@ class StochasticSampling(Guidance):
         return torch.ones_like(alpha)
 
 
+@final
+class FinalConstraint(Guidance):
+    r"""Constrains the final sample alone, by a receding horizon (DiRecT, arXiv 2606.15359).
+
+    After each denoising step the clean actions :math:`\tilde a_0` are predicted from what it left, and projected to
+    :math:`\hat a_0` in the allowed set; their difference is added to the noisy ones,
+    :math:`a \leftarrow a + \sqrt{\bar\alpha}\,(\hat a_0 - \tilde a_0)`, which themselves may be anywhere. After the
+    last step the sample is projected. The paper's further cost of the clean sample is left out.
+    """
+
+    settles = True
+
+    def __init__(self, projection: Projection) -> None:
+        self.projection = projection
+
+    def settle(
+        self,
+        actions: Float[Tensor, "b t action"],
+        clean: Callable[[], Tensor],
+        alpha: Float[Tensor, ""],
+        share: float,
+        state: Float[Tensor, "b state"],
+    ) -> Float[Tensor, "b t action"]:
+        if alpha == 1:
+            return actions
+        predicted = clean()
+        return actions + alpha.sqrt() * (self.projection.correct(predicted, state) - predicted)
+
+    def correct(
+        self, chunk: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
+    ) -> Float[Tensor, "b t action"]:
+        return self.projection.correct(chunk, state)
+
+
 def dynaguide_feasibility(given: Setup) -> DynaGuide:
     """DynaGuide's rule, by what the arm cannot hold."""
     return DynaGuide(chunk_feasibility(given))
@@ -88,3 +123,8 @@ def itps_feasibility(given: Setup) -> StochasticSampling:
 def itps_coverage(given: Setup) -> StochasticSampling:
     """ITPS's rule, by the approach directions that the arm's map lacks."""
     return StochasticSampling(pose_chunk(given))
+
+
+def final_constraint(given: Setup) -> FinalConstraint:
+    """DiRecT's rule: the clean chunk kept inside of what the arm can hold."""
+    return FinalConstraint(projection(given))
