@@ -288,6 +288,14 @@ METHODS = {
             first=0.000625,
         ),
         Method(
+            name="dpcc",
+            entry_point="policies.published_rules:dpcc",
+            text="DPCC's rule: noisy chunks kept inside that border",
+            field="feasibility",
+            scale=_INSIDE,
+            first=0.000625,
+        ),
+        Method(
             name="plan_by_map",
             entry_point="policies.plan_choice:plan_by_map",
             text="of several imagined episodes the one that the arm's map covers best",

@@ -105,6 +105,40 @@ class FinalConstraint(Guidance):
         return self.projection.correct(chunk, state)
 
 
+LATE = 0.5
+"""Share of the noise's levels, from the clean end on, at which DPCC projects (`diffusion_timestep_threshold` of the
+authors' code)."""
+
+
+@final
+class TightenedProjection(Guidance):
+    r"""Projects noisy actions onto a tightened set after each of the later denoising steps (DPCC, arXiv 2412.09342).
+
+    The set is :math:`\{d(p_k) \le -\delta\}` over the places :math:`p_k` that the actions lead to by the task's own
+    model, and :math:`\delta` what that model may be wrong by. After the last step the chunk is projected, too.
+    """
+
+    settles = True
+
+    def __init__(self, projection: Projection) -> None:
+        self.projection = projection
+
+    def settle(
+        self,
+        actions: Float[Tensor, "b t action"],
+        clean: Callable[[], Tensor],
+        alpha: Float[Tensor, ""],
+        share: float,
+        state: Float[Tensor, "b state"],
+    ) -> Float[Tensor, "b t action"]:
+        return actions if share > LATE or alpha == 1 else self.projection.correct(actions, state)
+
+    def correct(
+        self, chunk: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
+    ) -> Float[Tensor, "b t action"]:
+        return self.projection.correct(chunk, state)
+
+
 def dynaguide_feasibility(given: Setup) -> DynaGuide:
     """DynaGuide's rule, by what the arm cannot hold."""
     return DynaGuide(chunk_feasibility(given))
@@ -128,3 +162,8 @@ def itps_coverage(given: Setup) -> StochasticSampling:
 def final_constraint(given: Setup) -> FinalConstraint:
     """DiRecT's rule: the clean chunk kept inside of what the arm can hold."""
     return FinalConstraint(projection(given))
+
+
+def dpcc(given: Setup) -> TightenedProjection:
+    """DPCC's rule: noisy chunks moved inside of what the arm can hold, too."""
+    return TightenedProjection(projection(given))
