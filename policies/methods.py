@@ -296,6 +296,14 @@ METHODS = {
             first=0.000625,
         ),
         Method(
+            name="codig",
+            entry_point="policies.published_rules:codig",
+            text="CoDiG's rule: a barrier before that border",
+            field="feasibility",
+            scale=_IN_NOISE,
+            first=0.25,
+        ),
+        Method(
             name="plan_by_map",
             entry_point="policies.plan_choice:plan_by_map",
             text="of several imagined episodes the one that the arm's map covers best",

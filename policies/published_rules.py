@@ -4,6 +4,7 @@ A rule is the way in which something is applied; what it is guided by here is wh
 distance or by the approach directions of its map. `docs/methods.md` says of each paper what was read and what not.
 """
 
+import math
 from collections.abc import Callable
 from typing import final
 
@@ -12,6 +13,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from policies.directional_methods import PoseDescent, pose_chunk
+from policies.fields import Barrier
+from policies.flange_path import FlangePath
 from policies.guidance import Guidance
 from policies.guidance_methods import Descent, Projection, chunk_feasibility, projection
 from policies.setup import Setup
@@ -139,6 +142,34 @@ class TightenedProjection(Guidance):
         return self.projection.correct(chunk, state)
 
 
+STEEPNESS, TURN = 50.0, 0.7
+"""Of the logistic curve by which CoDiG's barrier comes in as the noise falls, and the share of the noise at which half
+of it is there; the curve of CoDiG with EmbodiSteer's numbers (arXiv 2606.12965, Eq. 16)."""
+
+
+@final
+class BarrierInScore(Guidance):
+    r"""A barrier's slope in the score, more of it the less noise there is (CoDiG, arXiv 2505.13131).
+
+    The score becomes :math:`s - \gamma_t \nabla_a B(\hat a_0)`, so the predicted noise
+    :math:`\epsilon + \gamma_t \sqrt{1 - \bar\alpha_t}\, \nabla_a B(\hat a_0)`, with
+    :math:`\gamma_t = \gamma / (1 + e^{-\beta (c - t / T)})`.
+    """
+
+    looks_ahead = True
+
+    def __init__(self, barrier: Descent) -> None:
+        self.barrier = barrier
+
+    def descent(
+        self, actions: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
+    ) -> Float[Tensor, "b t action"]:
+        return self.barrier.descent(actions, state)
+
+    def weight(self, alpha: Float[Tensor, ""], share: float) -> Float[Tensor, ""]:
+        return (1 - alpha).sqrt() / (1 + math.exp(-STEEPNESS * (TURN - share)))
+
+
 def dynaguide_feasibility(given: Setup) -> DynaGuide:
     """DynaGuide's rule, by what the arm cannot hold."""
     return DynaGuide(chunk_feasibility(given))
@@ -167,3 +198,8 @@ def final_constraint(given: Setup) -> FinalConstraint:
 def dpcc(given: Setup) -> TightenedProjection:
     """DPCC's rule: noisy chunks moved inside of what the arm can hold, too."""
     return TightenedProjection(projection(given))
+
+
+def codig(given: Setup) -> BarrierInScore:
+    """CoDiG's rule: a barrier before what the arm cannot hold."""
+    return BarrierInScore(Descent(Barrier(given.field), given.scale, FlangePath(given.space)))
