@@ -38,6 +38,13 @@ class Method:
     """Whether the scale is a whole number."""
     imagines: bool = False
     """Whether it needs a model of the task's episodes on the arm (`envs.task.Task.model`)."""
+    follows: bool = False
+    """Whether it needs the arm's own controller (`envs.task.Task.controller`)."""
+
+    @property
+    def asks_the_arm(self) -> bool:
+        """Whether it needs more of the arm than a field: what a checkpoint alone does not bring."""
+        return self.imagines or self.follows
 
     def scales(self, points: int) -> list[float]:
         """The scales that are tried, smallest first, each twice the one before."""
@@ -72,6 +79,11 @@ class Method:
                 f"Guidance {self.name!r} imagines episodes, with a model of the task on the arm. benchmark.run brings "
                 "one, and a checkpoint alone does not."
             )
+        if self.follows and given.controller is None:
+            raise ValueError(
+                f"Guidance {self.name!r} asks the arm's own controller. benchmark.run brings one, and a checkpoint "
+                "alone does not."
+            )
         if self.counts and (given.scale < 1 or given.scale != int(given.scale)):
             raise ValueError(f"The scale of {self.name!r} is a number of samples, 1 or more. Got {given.scale}.")
 
@@ -94,6 +106,7 @@ _SAMPLES = "number of chunks sampled, of which the best is taken"
 _PLANS = "number of episodes imagined at once"
 _DESCENT = "descent of the normalised clean actions per unit of the cost's slope along the chunk"
 _IN_NOISE = "how much of the slope along the chunk is added to the noise, in normalised action units"
+_TRACKING = "descent of the actions, in m and rad, per unit of the tracking cost's slope, in m^2 and rad^2"
 _INSIDE = "how far inside the border the chunk is kept, in [m]"
 
 METHODS = {
@@ -304,6 +317,34 @@ METHODS = {
             first=0.25,
         ),
         Method(
+            name="gpc_rank",
+            entry_point="policies.tracking_methods:gpc_rank",
+            text="GPC-RANK's rule: the sample of which the arm's controller leaves least",
+            field=None,
+            scale=_SAMPLES,
+            first=2.0,
+            counts=True,
+            follows=True,
+        ),
+        Method(
+            name="gpc_opt",
+            entry_point="policies.tracking_methods:gpc_opt",
+            text="GPC-OPT's rule: a chunk down the slope of what the arm's controller leaves",
+            field=None,
+            scale=_TRACKING,
+            first=0.0009765625,
+            follows=True,
+        ),
+        Method(
+            name="eadp",
+            entry_point="policies.tracking_methods:eadp",
+            text="EADP's rule: noisy chunks down that slope",
+            field=None,
+            scale=_TRACKING,
+            first=0.0078125,
+            follows=True,
+        ),
+        Method(
             name="plan_by_map",
             entry_point="policies.plan_choice:plan_by_map",
             text="of several imagined episodes the one that the arm's map covers best",
@@ -348,8 +389,8 @@ METHODS = {
 """In the order in which they are told apart."""
 GUIDED = tuple(name for name in METHODS if name != DIRECT)
 """Those that do something."""
-SWEPT = tuple(name for name in GUIDED if not METHODS[name].imagines)
-"""Of these, those that need no model of the task's episodes: what is swept unless others are named."""
+SWEPT = tuple(name for name in GUIDED if not METHODS[name].asks_the_arm)
+"""Of these, those that a field is enough for: what is swept unless others are named."""
 
 
 def said_of_each(what: str) -> str:

@@ -18,6 +18,7 @@ from policies.flange_path import FlangePath
 from policies.guidance import Guidance
 from policies.guidance_methods import Descent, Projection, chunk_feasibility, projection
 from policies.setup import Setup
+from richmap.similarity.signed_distance import SignedDistanceField
 
 REPEATS = 4
 """How often actions are denoised at each level of noise by DynaGuide and ITPS, as in their authors' experiments."""
@@ -202,4 +203,5 @@ def dpcc(given: Setup) -> TightenedProjection:
 
 def codig(given: Setup) -> BarrierInScore:
     """CoDiG's rule: a barrier before what the arm cannot hold."""
+    assert isinstance(given.field, SignedDistanceField)  # `policies.methods` has seen to it.
     return BarrierInScore(Descent(Barrier(given.field), given.scale, FlangePath(given.space)))
