@@ -1,6 +1,6 @@
 """LeRobot finds this module by the distribution's name and so learns our policy, environments and processor steps."""
 
-from envs.block_push.lerobot_environment import GuidedPushEnvConfig
+from envs.lerobot_environment import GuidedPushEnvConfig
 from policies.configuration_guided_push import GuidedPushConfig
 from policies.within_reach import KeepWithinReach, SeeArm
 

@@ -20,7 +20,7 @@ class BuildMapsConfig:
     """Builds an arm's reachability map and, from the xArm6's and its own, the energy field; both are cached."""
 
     robot: RobotConfig = robot_field("ur3")
-    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
+    """Arm: one that ships, or custom."""
     workers: int = 2
     """Processes that sample; the map does not depend on it. A whole number >= 1."""
     output: str | None = None

@@ -49,16 +49,17 @@ def main(config: CeilingsConfig) -> None:
     task = chosen_task(suite_task(config.suite))
     if file.exists():
         raise SettingError(f"{file} is there, and is frozen with the suite. To make others, give output=.")
-    rows = read_tables(Path(config.table) if config.table else file.parent, task.name)
+    table = Path(config.table) if config.table else ceilings_file(config.suite).parent
+    rows = read_tables(table, task.name)
     if rows.empty:
-        raise SettingError(f"There are no episodes of {task.name} in {config.table or file.parent}.")
+        raise SettingError(f"There are no episodes of {task.name} in {table}.")
     scenes = range(config.seed_start, config.seed_start + config.episodes)
     present = rows.episode_version == rows.setting.map(task.episode_version)
     rows = rows[rows.episode_seed.isin(scenes) & rows.method.isin([PLANNER, PLAIN, *config.methods]) & present]
     made, lines = {}, []
-    for name, table in by_condition(rows, suite_conditions(config.suite), task).items():
+    for name, of_condition in by_condition(rows, suite_conditions(config.suite), task).items():
         try:
-            made[name] = ceiling(table, task.success)
+            made[name] = ceiling(of_condition, task.success)
         except SettingError as error:
             raise SettingError(
                 f"{name}: {error} Roll them out: python -m benchmark.run -m experiment=tables"

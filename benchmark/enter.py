@@ -55,7 +55,7 @@ class EnterConfig:
     """Arms, as in robots=[ur3,ur5]; the protocol has all four."""
     settings: list[str] = field(default_factory=lambda: ["embodied"])
     """What the arms may do (see benchmark.run): embodied, best or both, as in settings=[embodied,best], by the strict
-    protocol (500 episodes of the best policy of each seed), or original by the paper's (50 of three of each)."""
+    protocol (100 episodes of the best policy of each seed), or original by the paper's (50 of three of each)."""
     episodes: int | None = None
     """Number of episodes per arm, setting and policy; null for the protocol's."""
     seed_start: int | None = None

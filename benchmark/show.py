@@ -2,6 +2,7 @@
 
 python -m benchmark.show table=outputs/sweep
 python -m benchmark.show suite=push-v1
+python -m benchmark.show table=outputs/sweep eval_info=outputs/lerobot
 """
 
 from dataclasses import dataclass
@@ -23,21 +24,31 @@ class ShowConfig:
     """What the episodes are of (see benchmark.run); with a suite, its own task."""
     suite: str = ""
     """Conditions by which the episodes are shown, with ceilings and shares of head-room (see benchmark.run)."""
+    ceilings: str = ""
+    """With suite=: another file of ceilings than the frozen ones, as benchmark.ceilings output= writes it."""
     output_dir: str = ""
     """Folder that curves.png goes to; empty for that of the table."""
+    eval_info: str = ""
+    """Folder that gets a folder for each policy and method with its episodes as an eval_info.json, as lerobot-eval
+    writes it; empty for none."""
 
     def __post_init__(self) -> None:
         self.task = suite_task(self.suite) if self.suite else self.task
         chosen_task(self.task)
         self.table = self.table or (f"results/suites/{self.suite}" if self.suite else "results")
         check_setting(Path(self.table).exists(), "table", self.table, "a table of episodes, or a folder of them")
-        if self.output_dir:
-            check_folder(self.output_dir)
+        there = not self.ceilings or Path(self.ceilings).is_file()
+        check_setting(there, "ceilings", self.ceilings, "a file that python -m benchmark.ceilings output=... wrote")
+        for setting in ("output_dir", "eval_info"):
+            if folder := getattr(self, setting):
+                check_folder(folder, setting)
 
 
 def main(config: ShowConfig) -> None:
-    """Print method, scale and arm with the score that ranks and the paired difference to direct transfer; draw it."""
+    """Print method, scale and arm with the score that ranks and the paired difference to direct transfer, and draw it;
+    or, with eval_info=, write the episodes as LeRobot does."""
     from benchmark.episodes.table import read_present
+    from benchmark.scoring.eval_info import write_eval_infos
     from benchmark.scoring.own_results import show_results
     from benchmark.scoring.suite_table import show_suite
 
@@ -45,8 +56,13 @@ def main(config: ShowConfig) -> None:
     episodes = read_present(path, task)
     if episodes.empty:
         raise SettingError(f"table={path} holds no episodes of {task.name}.")
+    if config.eval_info:
+        for file in write_eval_infos(episodes, task, Path(config.eval_info)):
+            print(file)
+        return
     if config.suite:
-        show_suite(config.suite, suite_conditions(config.suite), episodes, task)
+        ceilings = Path(config.ceilings) if config.ceilings else None
+        show_suite(config.suite, suite_conditions(config.suite), episodes, task, ceilings)
         return
     show_results(
         episodes, task, Path(config.output_dir) if config.output_dir else path if path.is_dir() else path.parent

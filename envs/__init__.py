@@ -11,7 +11,9 @@ check_mujoco_gl()
 logging.getLogger("robosuite_logs").addFilter(lambda record: record.levelno >= logging.ERROR)
 
 MAX_EPISODE_STEPS = 350
-"""Control steps, at 10 per second, after which an episode is cut off."""
+"""Control steps, at 10 per second, after which an episode of block push is cut off."""
+MAX_PRESS_STEPS = 130
+"""Likewise of pressing buttons (`envs.press_buttons.workspace.MAX_EPISODE_STEPS`, without loading it)."""
 
 BLOCK_PUSH = "BlockPush-v0"
 """Gymnasium's name of the task on any arm (`envs.block_push.make.make`)."""
@@ -51,6 +53,6 @@ for _robot, _id in [("xarm6", PRESS_BUTTONS), *PRESS_BUTTONS_ENVIRONMENTS.items(
     gymnasium.register(
         _id,
         entry_point="envs.press_buttons.make:make",
-        max_episode_steps=130,  # envs.press_buttons.workspace.MAX_EPISODE_STEPS, without loading it
+        max_episode_steps=MAX_PRESS_STEPS,
         kwargs={"robot": _robot},
     )

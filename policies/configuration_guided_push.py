@@ -1,15 +1,22 @@
 """What a guided push policy is made of; LeRobot finds the policy by this module's name."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from lerobot.configs import NormalizationMode, PreTrainedConfig
 from lerobot.optim import AdamWConfig, DiffuserSchedulerConfig
 from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig
+from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 
 from policies.methods import METHODS, method_named
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
+from richmap.task_spaces.press_buttons import PRESS_BUTTONS_SPACE
 from richmap.task_spaces.task_space import TaskSpace
+
+SPACES = (BLOCK_PUSH_SPACE, PRESS_BUTTONS_SPACE)
+"""Of the tasks that a policy can be trained for; `policies.<name>.features` reads each."""
 
 
 @PreTrainedConfig.register_subclass("guided_push")
@@ -109,6 +116,36 @@ class GuidedPushConfig(DiffusionConfig):
                 f"{METHODS[self.guidance].field}: set energy_field to the path of a saved one."
             )
 
+    def set_dataset_feature_metadata(self, features: Mapping[str, Mapping[str, Any]]) -> None:
+        """Called by LeRobot's training with what a data set holds: the policy is of that data set's task.
+
+        Raises:
+            ValueError: If it is of no task of ours, or of another than the checkpoint that is trained further.
+        """
+        widths = {key: tuple(features[key]["shape"]) for key in (OBS_STATE, OBS_ENV_STATE, ACTION) if key in features}
+        for space in SPACES:
+            if widths == _widths(space) and (self.pretrained_path is None or space == self.space):
+                self.space = space
+                return
+        wanted = self.space.name if self.pretrained_path else " or ".join(space.name for space in SPACES)
+        raise ValueError(
+            f"A guided_push policy learns from states of {wanted}, as benchmark.collect stores them. "
+            f"This data set has {widths}. Other types, as act, learn from any, also from pictures."
+        )
+
+    def validate_features(self) -> None:
+        """Called by LeRobot where a policy is made.
+
+        Raises:
+            ValueError: If what it would see and give is not its task's, as in another task's environment.
+        """
+        super().validate_features()
+        features = (self.input_features or {}) | (self.output_features or {})
+        own = _widths(self.space)
+        found = {key: tuple(features[key].shape) for key in own if key in features}
+        if found != own:
+            raise ValueError(f"This guided_push policy is of {self.space.name}: {own}. Here are {found}.")
+
     @property
     def action_units(self) -> list[float]:
         """Of each number of an action, what the denoiser calls 1: in [m] or [rad]."""
@@ -135,3 +172,9 @@ class GuidedPushConfig(DiffusionConfig):
 
     def get_scheduler_preset(self) -> DiffuserSchedulerConfig:
         return DiffuserSchedulerConfig(name="cosine", num_warmup_steps=self.scheduler_warmup_steps)
+
+
+def _widths(space: TaskSpace) -> dict[str, tuple[int]]:
+    """Shapes of a data set of the task."""
+    parts = {OBS_STATE: space.state, OBS_ENV_STATE: space.environment, ACTION: space.action}
+    return {key: (layout.width,) for key, layout in parts.items()}

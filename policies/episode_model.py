@@ -5,6 +5,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float
 
+from richmap.task_spaces.way import Way
+
 
 @runtime_checkable
 class Imagined(Protocol):
@@ -53,3 +55,14 @@ class EpisodeModel(Protocol):
 
     def showings(self, count: int) -> Bool[np.ndarray, "count rest"]:
         """Which numbers of what is seen of the scene are shown as 1 in each of several plans, though they are not."""
+
+    def ways(self, environment: Float[np.ndarray, " rest"]) -> list[Way]:
+        """The ways to do what is left of the task; none if nothing is."""
+
+    def share(
+        self, joints: Float[np.ndarray, " dof"], environment: Float[np.ndarray, " rest"], way: Way, tries: int
+    ) -> float:
+        """Of so many paths of the scripted expert along a way the share that the arm can go from where it is.
+
+        The first path is through the scene as it is seen, the others through it slightly moved.
+        """

@@ -10,9 +10,19 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import policies.guidance
     import policies.setup
+    from richmap.task_spaces.task_space import TaskSpace
 
 DIRECT = "direct"
 """What a scale of 0 is, whatever the method."""
+FIELD_NEEDS = {
+    "energy": ("source's map", "target's map"),
+    "witness": ("source's map", "target's map"),
+    "coverage": ("target's map",),
+    "feasibility": ("arm's description",),
+}
+"""What each kind of field is made of."""
+SIMULATOR = "simulator (privileged)"
+"""What no robot has: the episode itself, to try things in."""
 MOST_SAMPLES = 32
 """Of methods that choose among samples: they do not collapse, but cost more and more."""
 
@@ -40,11 +50,30 @@ class Method:
     """Whether it needs a model of the task's episodes on the arm (`envs.task.Task.model`)."""
     follows: bool = False
     """Whether it needs the arm's own controller (`envs.task.Task.controller`)."""
+    task: str | None = None
+    """Name of the only task that it is for; None for any that its field is of."""
+    also_needs: tuple[str, ...] = ()
+    """What it has to be given besides its field and that model, such as `SIMULATOR`."""
 
     @property
     def asks_the_arm(self) -> bool:
         """Whether it needs more of the arm than a field: what a checkpoint alone does not bring."""
         return self.imagines or self.follows
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """What it has to be given besides the policy."""
+        model = ("a model of the task",) if self.imagines else ()
+        controller = ("arm's description",) if self.follows else ()
+        return (*FIELD_NEEDS.get(self.field or "", ()), *controller, *self.also_needs, *model)
+
+    def refusal(self, space: "TaskSpace") -> str:
+        """Why it cannot act in a task, in words; empty if it can."""
+        if self.task not in (None, space.name):
+            return f"{self.name} is for {self.task} alone"
+        if self.field == "feasibility" and len(space.steps.moved) != 2:
+            return f"{self.name} looks at where an arm holds its tool upright at one height, unlike {space.name}"
+        return ""
 
     def scales(self, points: int) -> list[float]:
         """The scales that are tried, smallest first, each twice the one before."""
@@ -67,6 +96,8 @@ class Method:
     def _check(self, given: "policies.setup.Setup") -> None:
         from richmap.similarity.load_field import FIELDS
 
+        if why := self.refusal(given.space):
+            raise ValueError(f"Guidance: {why}.")
         if self.field is not None and given.field is None:
             raise ValueError(f"Guidance {self.name!r} needs a field of {self.field}.")
         if self.field is not None and not isinstance(given.field, FIELDS[self.field]):
@@ -104,6 +135,7 @@ _BORDER = "push at the border of what the arm can hold, in normalised action uni
 _RADIAL = "push, the same everywhere, in normalised action units"
 _SAMPLES = "number of chunks sampled, of which the best is taken"
 _PLANS = "number of episodes imagined at once"
+_ENOUGH = "merit from which on ways count as alike: 1 less what the pose at the worst goal costs, without a unit"
 _DESCENT = "descent of the normalised clean actions per unit of the cost's slope along the chunk"
 _IN_NOISE = "how much of the slope along the chunk is added to the noise, in normalised action units"
 _TRACKING = "descent of the actions, in m and rad, per unit of the tracking cost's slope, in m^2 and rad^2"
@@ -131,6 +163,7 @@ METHODS = {
         Method(
             name="away",
             entry_point="policies.guidance_methods:away",
+            also_needs=("where the arm stands",),
             text="from the base, the same everywhere",
             field=None,
             scale=_RADIAL,
@@ -139,6 +172,7 @@ METHODS = {
         Method(
             name="towards",
             entry_point="policies.guidance_methods:towards",
+            also_needs=("where the arm stands",),
             text="to the base, the same everywhere",
             field=None,
             scale=_RADIAL,
@@ -225,6 +259,7 @@ METHODS = {
             field="feasibility",
             scale="how far inside the border a push must keep the tool, in [m], to be made first",
             first=0.0025,
+            task="block_push",
         ),
         Method(
             name="chunk_witness",
@@ -259,6 +294,45 @@ METHODS = {
             scale=_SAMPLES,
             first=2.0,
             counts=True,
+        ),
+        Method(
+            name="way_by_map",
+            entry_point="policies.way_choice:way_by_map",
+            text="of the ways to do the task the one is shown alone whose worst goal the arm's map covers best",
+            field="coverage",
+            scale=_ENOUGH,
+            first=0.125,
+            imagines=True,
+        ),
+        Method(
+            name="way_by_witness",
+            entry_point="policies.way_choice:way_by_map",
+            text="the same with directions that only the source has in place of those that the arm lacks",
+            field="witness",
+            scale=_ENOUGH,
+            first=0.125,
+            imagines=True,
+        ),
+        Method(
+            name="way_of_any",
+            entry_point="policies.way_choice:way_of_any",
+            text="the same with the way that is named first, whatever the arm can do",
+            field=None,
+            scale="1",
+            first=1.0,
+            counts=True,
+            imagines=True,
+        ),
+        Method(
+            name="way_on_arm",
+            entry_point="policies.way_choice:way_on_arm",
+            text="of the ways to do the task one is shown alone that the arm's kinematic twin can go",
+            field=None,
+            scale="number of the scripted expert's paths that are tried along each way, in each order",
+            first=1.0,
+            counts=True,
+            imagines=True,
+            also_needs=("arm's description",),
         ),
         Method(
             name="dynaguide_feasibility",
@@ -377,6 +451,7 @@ METHODS = {
         Method(
             name="plan_on_arm",
             entry_point="policies.plan_choice:plan_on_arm",
+            also_needs=("arm's description",),
             text="of several imagined episodes one that the arm's kinematic twin can carry out",
             field=None,
             scale=_PLANS,

@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -41,12 +42,14 @@ def worker_pool(
 def start_worker() -> None:
     """Initialise a worker process: one thread of arithmetic, since workers share the cores.
 
+    PyTorch is told so if it is there, and otherwise reads it when it comes: many workers never need it.
+
     Ctrl-C ends it without a word, and it ends when its parent is gone, however that ended: an orphan would wait for
     work forever.
     """
-    import torch
-
-    torch.set_num_threads(1)
+    os.environ["OMP_NUM_THREADS"] = "1"
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(1)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

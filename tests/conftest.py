@@ -34,16 +34,21 @@ def cut_short():
     """Cuts episodes of block pushing that this process plays off after so many steps: what comes later, nobody asks."""
     import gymnasium
 
+    from benchmark.rollouts.arm_oracle import _environment, _prepared
     from benchmark.rollouts.rollout import _arm_environment
     from envs import BLOCK_PUSH
+
+    def forget():
+        for kept in (_arm_environment, _environment, _prepared):
+            kept.cache_clear()
 
     @contextlib.contextmanager
     def cut(steps):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(gymnasium.spec(BLOCK_PUSH), "max_episode_steps", steps)
-            _arm_environment.cache_clear()
+            forget()
             yield
-        _arm_environment.cache_clear()
+        forget()
 
     return cut
 
@@ -53,6 +58,16 @@ def brief(cut_short):
     """Episodes of block pushing have 20 steps."""
     with cut_short(20):
         yield
+
+
+@pytest.fixture
+def quick_films(monkeypatch):
+    """Films are larger files than they could be, and there in a tenth of the time."""
+    import imageio.v3 as imageio
+
+    write = imageio.imwrite
+    larger = {"method": 0, "minimize_size": False}
+    monkeypatch.setattr(imageio, "imwrite", lambda file, pictures, **how: write(file, pictures, **how | larger))
 
 
 @pytest.fixture(scope="session")

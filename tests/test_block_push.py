@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from envs import ENVIRONMENTS
+from envs import ENVIRONMENTS, PRESS_BUTTONS_ENVIRONMENTS
 from envs.block_push.scene import draw_scene
 from envs.block_push.workspace import WORKSPACE
 from tests.egl import has_egl, needs_egl
@@ -219,17 +219,25 @@ def test_pictures_need_no_display_and_show_something_move():
     assert (np.abs(after.astype(int) - before) > 20).mean() > 0.005
 
 
-def test_lerobot_finds_the_environment_by_its_type():
+@pytest.mark.parametrize(
+    "task, steps, words",
+    [
+        (ENVIRONMENTS["ur3"], 350, "Push each block into a target of its own."),
+        (PRESS_BUTTONS_ENVIRONMENTS["xarm6"], 130, "Press any two of the four buttons."),
+    ],
+)
+def test_lerobot_finds_the_environments_by_their_type(task, steps, words):
     from lerobot.envs.factory import make_env, make_env_config
 
-    import envs.block_push.lerobot_environment  # noqa: F401
+    import envs.lerobot_environment  # noqa: F401
 
-    config = make_env_config("guided_push", task=ENVIRONMENTS["ur3"])
+    config = make_env_config("guided_push", task=task)
     vector = make_env(config, n_envs=1)["guided_push"][0]
     observation, _ = vector.reset(seed=0)
     assert {key: value.shape[1:] for key, value in observation.items()} == {
         key: feature.shape for key, feature in config.features.items() if key != "action"
     }
-    assert vector.call("_max_episode_steps") == (350,)
-    assert vector.call("task_description") == ("Push each block into a target of its own.",)
+    assert vector.single_action_space.shape == config.features["action"].shape
+    assert vector.call("_max_episode_steps") == (steps,)
+    assert vector.call("task_description") == (words,)
     vector.close()

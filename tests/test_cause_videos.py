@@ -22,29 +22,27 @@ from tests.made_up_episodes import CONDITION, episode
 
 pytestmark = pytest.mark.system
 
-SEED = 50_015
-"""A block lies where the UR3 cannot push it."""
+SEED = 100_095
+"""From the best base, the UR3 soon touches itself."""
 
 
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory):
     """An episode that fails."""
     folder = tmp_path_factory.mktemp("stored")
-    config = RunConfig(robot=RobotConfig("ur3"), batch_size=2, device="cpu")
+    config = RunConfig(robot=RobotConfig("ur3"), setting="best", batch_size=50, device="cpu")
     store_episodes(folder, make_rollout(config, 0.0, checkpoint_folder(42), Console(quiet=True)).play([SEED]))
     return folder
 
 
 @needs_egl
-def test_a_stored_episode_is_played_again_and_shown(stored, tmp_path):
+def test_a_stored_episode_is_played_again_and_shown(stored, quick_films, tmp_path):
     main(CauseVideosConfig(episodes=str(stored), output_dir=str(tmp_path)))
-    with Image.open(tmp_path / "figures" / "causes" / "outer_reach.webp") as picture:
-        assert picture.n_frames == 176  # Every other one of 350 steps and the reset.
-    text = (tmp_path / "causes.md").read_text()
-    assert (
-        "| `outer_reach` | 1 | ur3, embodied, direct, λ 0, policy seed42-1, DDIM with 10 steps, seed 50015, length 350"
-        in text
-    )
+    (length,) = read_episodes(stored).length
+    with Image.open(tmp_path / "figures" / "causes" / "self_collision.webp") as picture:
+        assert picture.n_frames == length // 2 + 1  # Every other one of the reset and all steps.
+    text, how = (tmp_path / "causes.md").read_text(), "policy seed42-1, DDIM with 10 steps, seed 100095"
+    assert f"| `self_collision` | 1 | ur3, best, direct, λ 0, {how}, length {length}" in text
     assert "`dithering`" in text.split("| cause")[0]  # No episode here failed by that.
 
 
@@ -68,7 +66,7 @@ def edited(stored, folder, **values):
 
 def test_a_row_that_fails_otherwise_when_it_is_played_again_is_left_out(stored, tmp_path, unseen, capsys):
     main(edited(stored, tmp_path, failure_cause="block_tipped"))
-    assert "failed by block_tipped and, replayed, by outer_reach" in " ".join(capsys.readouterr().out.split())
+    assert "failed by block_tipped and, replayed, by self_collision" in " ".join(capsys.readouterr().out.split())
     assert not list(tmp_path.rglob("*.webp"))
     before, table = (tmp_path / "out" / "causes.md").read_text().split("| cause")
     assert "`block_tipped`" in before and "block_tipped" not in table

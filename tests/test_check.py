@@ -153,12 +153,19 @@ def test_what_is_no_file_of_poses_is_refused(tmp_path):
     np.savez(tmp_path / "b.npz", x=np.zeros(2), y=np.zeros(3))
     np.savez(tmp_path / "c.npz", poses=np.zeros((2, 6)))
     np.savez(tmp_path / "d.npz", x=np.array([None]))
+    np.savez_compressed(tmp_path / "whole.npz", poses=np.random.default_rng(0).normal(size=(50, 7)))
+    packed = bytearray((tmp_path / "whole.npz").read_bytes())
+    packed[len(packed) // 2] ^= 255
+    (tmp_path / "e.npz").write_bytes(packed)
+    np.savez(tmp_path / "f.npz", poses=np.ones((2, 7), dtype=complex))
+    np.savez(tmp_path / "g.npz", poses=np.eye(2, 7, 6), episode=[1e30, 1e30])
     (tmp_path / "folder").mkdir()
     (tmp_path / "broken" / "meta").mkdir(parents=True)
     (tmp_path / "broken" / "meta" / "info.json").write_text(json.dumps([1]))
     for name, message in {
         "a.npz": "damaged, or no .npz file", "a.txt": "its name ends in '.txt'", "a.csv": "no table of comma-separated",
         "b.npz": "differ in length: x 2, y 3", "c.npz": r"it holds poses \(2, 6\)", "d.npz": "no .npz file of plain",
+        "e.npz": "damaged, or no .npz file", "f.npz": "column x has complex numbers", "g.npz": "Row 1 has 1e.30",
         "folder": "no folder of a LeRobotDataset", "broken": "no folder of a LeRobotDataset", "none": "no such file",
     }.items():  # fmt: skip
         with pytest.raises(PoseFileError, match=message):

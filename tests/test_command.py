@@ -38,6 +38,7 @@ BAD = {
     "experiment=mine": "experiment=mine is not allowed. Allowed: methods, tables, transfer.",
     "robot": "not setting=value",
     "robot=[ur3": "robot=[ur3 cannot be read",
+    "robot=ür3": "or with a letter beyond a to z, stands in two pairs of quotes: 'robot=\"ür3\"'.",
     "--lambda": "There is no flag --lambda. A setting is written without dashes: lambda=value.",
     "--cfg=nothing": "--cfg nothing is not allowed. Allowed: job, hydra, all.",
 }
@@ -80,6 +81,26 @@ def test_a_bad_setting_ends_in_one_line(give, argument):
     ended = give(run.main, RunConfig, "run", argument)
     assert ended.status == 2 and ended.output == ""
     assert len(ended.errors) == 1 and BAD[argument] in ended.errors[0], ended.errors
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (("task=press_buttons", "method=reorder"), "method=reorder: reorder is for block_push alone."),
+        (("task=press_buttons", "method=projection"), "upright at one height, unlike press_buttons."),
+        (("method=plan_on_arm", "lambda=16"), "it imagines episodes, and block_push has no model to do that with."),
+    ],
+)
+def test_a_method_that_cannot_act_in_the_task_is_refused(give, arguments, message):
+    ended = give(run.main, RunConfig, "run", *arguments)
+    assert ended.status == 2 and len(ended.errors) == 1 and message in ended.errors[0], ended.errors
+
+
+def test_what_a_suite_would_ignore_is_refused(give):
+    for idle in ("robot=ur3", "seed=43", "arm.yaw=0.1"):
+        ended = give(run.main, RunConfig, "run", "suite=push-v1", idle)
+        assert ended.status == 2
+        assert ended.errors[0].startswith(f"error: {idle.partition('=')[0]} does nothing with a suite"), ended.errors
 
 
 def test_nothing_heavy_is_imported_before():

@@ -145,7 +145,7 @@ if __name__ == "__main__":
             assert process.stdout.readline()
         process.kill()
     batches = []
-    resumed = build_map(ROBOT, GRID, coarse(ROBOT), tmp_path, workers=2, report=batches.append)
+    resumed = build_map(ROBOT, GRID, coarse(ROBOT), tmp_path, workers=1, report=batches.append)
     assert batches[0].inserted > 1000  # it did not begin anew
     assert resumed.content_hash == coarse_map.content_hash
 
@@ -198,12 +198,6 @@ def test_merged_maps_are_as_full_as_one_of_both_budgets(panda_map, tmp_path):
     without_rolls = dataclasses.replace(parts[1], gaps=None, rolls_tracked=False)
     with pytest.raises(ValueError, match="knows no rolls"):
         merge(PANDA, [parts[0], without_rolls], tmp_path / "refused")
-
-
-def test_a_grid_that_the_arm_does_not_reach_is_said(tmp_path):
-    far = GRID.moved(np.array([10.0, 0, 0]))
-    with pytest.raises(ValueError, match="into the grid"):
-        build_map(ROBOT, far, coarse(ROBOT), tmp_path, workers=1)
 
 
 def test_a_map_survives_the_file_and_broken_or_foreign_files_are_refused(panda_map, tmp_path):

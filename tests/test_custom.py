@@ -114,10 +114,11 @@ def test_a_foot_that_is_fixed_to_the_base_does_not_turn_with_the_arm(file):
     assert not check(orbits.poses()[2].astype(float)).any()
 
 
-def test_every_stage_reads_the_same_arm(file, tmp_path, monkeypatch):
+def test_every_stage_reads_the_same_arm_and_its_parts_are_fitted_once(file, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     robot = custom_robot(file, "base", "flange")
-    model = arm_spec(robot, visual=True).compile()
+    convex_parts.cache_clear()
+    model, fitted = arm_spec(robot, visual=True).compile(), parts_fingerprint(robot)
     data, pin = mujoco.MjData(model), pinocchio.buildModelFromXML(robot.urdf)
     pin_data = pin.createData()
     joints = np.random.default_rng(1).uniform(robot.lower, robot.upper, (300, 3))
@@ -132,13 +133,6 @@ def test_every_stage_reads_the_same_arm(file, tmp_path, monkeypatch):
         assert np.allclose(data.body("flange").xpos, p, atol=1e-6)
         assert np.allclose(pin_data.oMf[pin.getFrameId("flange")].translation, p, atol=1e-6)
     assert (np.array(hits) == self_collision(robot)(joints)).mean() > 0.98
-
-
-def test_convex_parts_are_fitted_once_for_a_description(file, tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    robot = custom_robot(file, "base", "flange")
-    convex_parts.cache_clear()
-    fitted = parts_fingerprint(robot)
     monkeypatch.setattr("richmap.physics.convex_parts.fit_convex_parts", None)
     convex_parts.cache_clear()
     assert parts_fingerprint(robot) == fitted

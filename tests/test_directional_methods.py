@@ -101,3 +101,10 @@ def test_outside_of_a_field_its_edge_counts(fields):
 def test_a_field_of_another_kind_is_refused(name, fields):
     with pytest.raises(ValueError, match="needs a field of witness, DirectionalEnergy. Got DirectionalCoverage"):
         METHODS[name].make(Setup(4.0, fields["coverage"], (0.0, 0.0), 0, PRESS_BUTTONS_SPACE))
+
+
+def test_a_method_of_another_task_is_refused():
+    with pytest.raises(ValueError, match="reorder is for block_push alone"):
+        METHODS["reorder"].make(Setup(0.02, None, (0.0, 0.0), 0, PRESS_BUTTONS_SPACE))
+    with pytest.raises(ValueError, match="projection looks at where an arm holds its tool upright at one height"):
+        METHODS["projection"].make(Setup(0.02, None, (0.0, 0.0), 0, PRESS_BUTTONS_SPACE))

@@ -1,8 +1,9 @@
-"""What the documents link to is there."""
+"""What the documents link to is there, and what is there stands in the documents."""
 
 import re
 from pathlib import Path
 
+import gymnasium
 import pytest
 
 pytestmark = pytest.mark.results
@@ -20,3 +21,16 @@ def test_links_lead_to_files(document):
 
 def test_the_readme_is_read_in_one_go():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 150
+
+
+@pytest.mark.parametrize(
+    "name, page", [("BlockPush-xArm6-v0", "gymnasium.md"), ("PressButtons-xArm6-v0", "press_buttons.md")]
+)
+def test_every_key_of_an_info_is_in_its_table(name, page):
+    import envs  # noqa: F401, registers the environments
+
+    env = gymnasium.make(name, disable_env_checker=True)
+    _, info = env.reset(seed=0)
+    env.close()
+    table = (ROOT / "docs" / page).read_text().partition("## Info")[2].partition("\n## ")[0]
+    assert {*info} <= {*re.findall(r"`(\w+)`", table)}

@@ -23,6 +23,7 @@ from richmap.similarity.energy import EnergyField
 from richmap.similarity.load_field import FIELDS, load_field
 from richmap.similarity.signed_distance import SignedDistanceField
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
+from richmap.task_spaces.press_buttons import PRESS_BUTTONS_SPACE
 
 ROWS = 6
 PATH = FlangePath(BLOCK_PUSH_SPACE)
@@ -88,6 +89,49 @@ def noise_for(policy, rows=range(ROWS)):
 @pytest.fixture(params=["DDIM", "DDPM"])
 def sampler(request):
     return request.param
+
+
+@pytest.mark.parametrize("space", [BLOCK_PUSH_SPACE, PRESS_BUTTONS_SPACE], ids=lambda space: space.name)
+def test_lerobots_training_makes_a_policy_of_the_data_sets_task(space):
+    widths = {"observation.state": space.state, "observation.environment_state": space.environment}
+    features = {key: {"shape": [part.width]} for key, part in (widths | {"action": space.action}).items()}
+    config = GuidedPushConfig(device="cpu", trunk_width=16, head_width=16)
+    config.set_dataset_feature_metadata(features)
+    assert config.space == space
+    config.input_features = {
+        "observation.state": PolicyFeature(FeatureType.STATE, (space.state.width,)),
+        "observation.environment_state": PolicyFeature(FeatureType.ENV, (space.environment.width,)),
+    }
+    config.output_features = {"action": PolicyFeature(FeatureType.ACTION, (space.action.width,))}
+    batch = {key: torch.rand(ROWS, 3, part.width) for key, part in widths.items()}
+    batch |= {
+        "action": torch.rand(ROWS, 4, space.action.width),
+        "action_is_pad": torch.zeros(ROWS, 4, dtype=torch.bool),
+    }
+    loss, _ = GuidedPushPolicy(config).forward(batch)
+    assert loss.isfinite()
+
+
+def test_a_data_set_that_it_cannot_learn_from_is_refused():
+    config = GuidedPushConfig(device="cpu")
+    pictures = {
+        "observation.state": {"shape": [4]},
+        "observation.image": {"shape": [96, 96, 3]},
+        "action": {"shape": [2]},
+    }
+    with pytest.raises(ValueError, match="learns from states of block_push or press_buttons.*also from pictures"):
+        config.set_dataset_feature_metadata(pictures)
+    config.pretrained_path = "results/checkpoints/seed42-1"
+    buttons = {"observation.state": {"shape": [12]}, "observation.environment_state": {"shape": [32]}}
+    with pytest.raises(ValueError, match="learns from states of block_push, "):
+        config.set_dataset_feature_metadata(buttons | {"action": {"shape": [6]}})
+
+
+def test_an_environment_of_another_task_is_refused():
+    config = make_policy().config
+    config.output_features = {"action": PolicyFeature(FeatureType.ACTION, (6,))}  # as lerobot-eval takes them from it
+    with pytest.raises(ValueError, match="This guided_push policy is of block_push: .*Here are .*'action': .6,"):
+        GuidedPushPolicy(config)
 
 
 def test_same_noise_same_actions(batch, sampler):

@@ -35,6 +35,10 @@ REFUSED = {
         "output_dir=/proc",
     ],
     "merge_maps": ["output=/dev/null inputs=[a,b]", "inputs=[a,a]", "output=/dev/full inputs=[a,b]"],
+    "compare_policies": [
+        "alpha=0", "alpha=nan", "alpha=1", "episodes=0", "workers=10000", "seed_start=160000", "output_dir=/proc",
+        "arm.base=[1,2]", "stop_early=perhaps", "robot=custom",
+    ],
     "train": ["threads=100000", "batch_size=100000000", "keep=[1000,1000]"],
     "collect": ["episodes=1000000000", "workers=10000", "output_dir="],
     "enter": ["robots=[]", "robots=[ur3,ur3]", "seeds=[]", "batch_size=1000000"],

@@ -106,7 +106,12 @@ def test_few_iterations_come_as_near_as_many():
         ({"robot": "ur3", "setting": "real"}, "There is no setting 'real'. Settings: original, embodied, best"),
         ({"robot": "xarm6", "branch": "wrist_in"}, "xarm6 has no branch 'wrist_in'. Branches: wrist_out, found"),
         ({"robot": "ur5", "base": (0.1, 0.0)}, "base is x, y, z in metres. Got 2 numbers"),
+        ({"robot": "ur5", "base": (0.1, float("nan"), 0.0)}, "base is three finite numbers. Got"),
+        ({"robot": "ur5", "yaw": float("inf")}, "yaw must be a finite number of radians. Got inf"),
         ({"robot": "ur5", "orientation_weight": 0.0}, "orientation_weight must be above 0 m/rad. Got 0.0"),
+        ({"robot": "ur5", "orientation_weight": float("inf")}, "orientation_weight must be above 0 m/rad. Got inf"),
+        ({"robot": "ur5", "tool_length": -1.0}, "tool_length must lie between 0.02 and 0.3 m. Got -1.0"),
+        ({"robot": "ur5", "delay": 0.05}, "delay must be tenths of a second from 0 to 1. Got 0.05"),
     ],
 )
 def test_bad_settings_are_refused_by_name(arguments, message):

@@ -16,12 +16,14 @@ from benchmark.settings.config import RunConfig
 from benchmark.settings.robot_config import RobotConfig
 from benchmark.studies.lerobot_agreement import compare, lerobot_eval
 from envs import ENVIRONMENTS
-from envs.block_push.lerobot_environment import GuidedPushEnvConfig
+from envs.lerobot_environment import GuidedPushEnvConfig
 from policies.modeling_guided_push import GuidedPushPolicy
 
 pytestmark = pytest.mark.system
 
 FIRST = 50_014  # Of three episodes, even as rows are. In the second a block starts 0.585 m away: no UR3 gets behind it.
+STEPS = 130
+"""Episodes are cut off after so many; the two that succeed end before."""
 
 
 @pytest.fixture(scope="module")
@@ -31,9 +33,9 @@ def ur3():
 
 
 @pytest.fixture(scope="module")
-def ours(ur3):
+def ours(ur3, cut_short):
     """Our episodes, with all noise zero."""
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, cut_short(STEPS):
         patch.setattr("policies.noise.episode_noise", lambda seeds, step, shape: torch.zeros(len(seeds), *shape))
         return ur3.play([FIRST, FIRST + 1]) + ur3.play([FIRST + 2])
 
@@ -44,7 +46,7 @@ def test_with_the_same_noise_lerobots_episodes_are_ours(ur3, ours):
     from lerobot.policies import make_pre_post_processors
     from lerobot.scripts.lerobot_eval import eval_policy
 
-    config = GuidedPushEnvConfig(task=ENVIRONMENTS["ur3"])
+    config = GuidedPushEnvConfig(task=ENVIRONMENTS["ur3"], episode_length=STEPS)
     policy = GuidedPushPolicy.from_pretrained(ur3.checkpoint)
     policy.select_action = partial(policy.select_action, noise=torch.zeros(2, *policy.noise_shape))
     environments = make_env(config, n_envs=2)["guided_push"][0]

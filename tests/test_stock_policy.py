@@ -11,8 +11,11 @@ import pytest
 import torch
 from rich.console import Console
 
+from benchmark import compare_policies
 from benchmark.artifacts.known_policies import chosen_checkpoint
+from benchmark.compare_policies import ComparePoliciesConfig
 from benchmark.rollouts.make_rollout import make_rollout
+from benchmark.rollouts.rollout import Rollout
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig
 from benchmark.settings.robot_config import RobotConfig
@@ -66,6 +69,21 @@ def test_it_acts_in_metres_as_its_processors_say(untrained):
     batch = {"observation.state": torch.rand(64, 4), "observation.environment_state": torch.rand(64, 12)}
     actions = policy.select_action(batch, 0, 0)
     assert 0.01 < actions.abs().max() <= 0.03 + 1e-6
+
+
+def test_two_policies_are_compared_and_what_is_stored_is_not_played_again(
+    brief, untrained, tmp_path, capsys, monkeypatch
+):
+    config = ComparePoliciesConfig(
+        str(untrained), "seed42-1", episodes=4, batch_size=2, workers=1, device="cpu", output_dir=str(tmp_path)
+    )
+    compare_policies.main(config)
+    shown = capsys.readouterr().out
+    assert "4 pairs" in shown and "0 pairs differ" in shown and "seed42-1" in shown  # Nothing is done in 20 steps.
+    monkeypatch.setattr(Rollout, "play", lambda *_: pytest.fail("It was stored."))
+    compare_policies.main(dataclasses.replace(config, stop_early=True))
+    shown = capsys.readouterr().out
+    assert "4 pairs" in shown and "at its greatest: e = 1 (20 is clear): not clear yet." in shown
 
 
 def test_only_our_own_policies_are_guided(untrained):

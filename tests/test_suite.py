@@ -11,7 +11,14 @@ from benchmark import show
 from benchmark.episodes.arm import arm_columns
 from benchmark.scoring.ceiling import Ceiling, ceiling, cross_validated, read_ceilings, save_ceilings
 from benchmark.scoring.statistics import Crossed, clustered_ratio
-from benchmark.scoring.suite_table import by_condition, shares, suite_table, suite_text
+from benchmark.scoring.suite_ranking import (
+    interquartile_mean,
+    method_pairs,
+    probability_of_improvement,
+    ranking_text,
+    suite_ranking,
+)
+from benchmark.scoring.suite_table import by_condition, remarks, show_suite, suite_table, suite_text
 from benchmark.settings.config import ConditionConfig, OracleConfig, RunConfig
 from benchmark.settings.robot_config import ArmConfig
 from benchmark.settings.scenes import PAPER, SEALED, TABLES, VALIDATION
@@ -21,6 +28,7 @@ from benchmark.studies.suite_candidates import verdict
 from benchmark.sweeps.chosen_players import chosen_players
 from envs.block_push.arm import block_push_arm
 from envs.block_push.task import BLOCK_PUSH
+from envs.press_buttons.task import PRESS_BUTTONS
 from tests.made_up_episodes import CONDITION, episode
 
 NAMES = sorted(file.stem for file in SUITES.glob("*.yaml"))
@@ -116,19 +124,150 @@ def test_frozen_ceilings_come_back(tmp_path):
     assert read_ceilings(tmp_path / "ceilings.json") == made and read_ceilings(tmp_path / "none.json") == {}
 
 
+TWO = {"a": ConditionConfig(), "b": ConditionConfig(saturated=True)}
+BOTH = pd.concat([DIRECT, METHOD], ignore_index=True)
+OF_TWO = {"a": BOTH, "b": BOTH.assign(p2=BOTH.p2 & (BOTH.method == "direct"))}
+
+
+def ranking(tables, conditions, ceilings):
+    counted = [name for name, condition in conditions.items() if not condition.saturated]
+    return suite_ranking(method_pairs(tables, conditions, ceilings, BLOCK_PUSH), counted).set_index("method")
+
+
 def test_the_share_of_head_room():
-    conditions = {"a": ConditionConfig(), "b": ConditionConfig(saturated=True)}
-    rows = pd.concat([DIRECT, METHOD], ignore_index=True)
-    tables = {"a": rows, "b": rows.assign(p2=rows.p2 & (rows.method == "direct"))}
     ceilings = {"a": ceiling(pd.concat([DIRECT, PLANNER, METHOD]), "p2")}
-    found = shares(tables, conditions, ceilings, BLOCK_PUSH).set_index("method")
+    found = ranking(OF_TWO, TWO, ceilings)
     assert found.share["direct"] == 0 and found.share["reorder"] == pytest.approx(3 / 4)  # 3 of 12 gained, 4 to gain.
-    assert found.harm["reorder"] == pytest.approx(-5 / 12)
-    at_once = suite_table(tables, conditions, ceilings, BLOCK_PUSH)
+    assert found.gain["reorder"] == found.worst["reorder"] == pytest.approx(3 / 12) and found.worst_on["reorder"] == "a"
+    assert found.harm["reorder"] == pytest.approx(-5 / 12) and found.harm_on["reorder"] == "b"
+    at_once = suite_table(OF_TWO, TWO, ceilings, BLOCK_PUSH)
     assert at_once.query("condition == 'a' and method == 'reorder'").difference.item() == pytest.approx(0.25)
-    assert "| 75.0 [" in suite_text(at_once, found.reset_index(), BLOCK_PUSH)
+    assert "| 75.0 [" in ranking_text(found.reset_index()) and "+25.0 [" in suite_text(at_once, BLOCK_PUSH)
     beyond = {"a": replace(ceilings["a"], values=("1100", "1000", "1110"))}
-    assert shares(tables, conditions, beyond, BLOCK_PUSH).share.max() == pytest.approx(3)
+    assert ranking(OF_TWO, TWO, beyond).share.max() == pytest.approx(3)
+
+
+def many(seed=0, conditions=4, scenes=40):
+    """Rows of made-up methods on several conditions, and the ceilings of these."""
+    rng, tables, ceilings = np.random.default_rng(seed), {}, {}
+    for i in range(conditions):
+        luck, parts = rng.random((3, scenes)), []
+        for method, chance in (("direct", 0.4), ("reorder", 0.8), ("projection", 0.5), ("mine", 0.65), ("top", 2.0)):
+            digits = ["".join("01"[int(value < chance)] for value in row) for row in luck]
+            parts.append(table(method, float(method != "direct"), digits))
+        tables[f"c{i}"] = pd.concat(parts, ignore_index=True)
+        ones = ("1" * scenes,) * 3
+        ceilings[f"c{i}"] = Ceiling(
+            tuple(range(50_000, 50_000 + scenes)), ("seed42-1", "seed43-1", "seed44-1"), ones, {}
+        )
+    return tables, dict.fromkeys(tables, ConditionConfig()), ceilings
+
+
+def test_direct_closes_nothing_and_what_reaches_the_ceiling_everything():
+    found = ranking(*many())
+    assert (found.share["direct"], found.middle["direct"]) == (0, 0)
+    assert (found.share["top"], found.middle["top"]) == (1, 1) and found.share_low["top"] == pytest.approx(1)
+    assert found["rank"].drop("direct").to_dict() == {"top": 1, "reorder": 2, "mine": 3, "projection": 4}
+    assert np.isnan(found["rank"]["direct"]) and found.better["top"] == 1 and np.isnan(found.better["projection"])
+    assert not found.tied.drop("direct").any()
+
+
+def test_a_ranking_does_not_depend_on_the_order_of_scenes_rows_or_conditions():
+    tables, conditions, ceilings = many()
+    found = ranking(tables, conditions, ceilings)
+    turned = {name: tables[name].sample(frac=1, random_state=1) for name in [*tables][::-1]}
+    again = ranking(turned, {name: conditions[name] for name in turned}, ceilings)
+    pd.testing.assert_frame_equal(again, found.loc[again.index])
+    moved = np.random.default_rng(3).permutation(20)  # Scenes change places, even with even ones, all methods alike.
+    by = {50_000 + 2 * i + odd: 50_000 + 2 * moved[i] + odd for i in range(20) for odd in (0, 1)}
+    swapped = {name: rows.assign(episode_seed=rows.episode_seed.map(by)) for name, rows in tables.items()}
+    pd.testing.assert_frame_equal(ranking(swapped, conditions, ceilings), found)
+
+
+def test_more_scenes_narrow_the_interval_of_a_share():
+    few, more = (ranking(*many(scenes=scenes)) for scenes in (20, 80))
+    for found in (few, more):
+        assert found.share_low["mine"] < found.share["mine"] < found.share_high["mine"]
+    width = [found.share_high["mine"] - found.share_low["mine"] for found in (few, more)]
+    assert width[1] < width[0]
+
+
+def test_the_interval_of_a_share_covers_the_truth():
+    """The method solves half of what direct transfer does not; three trainings, 60 scenes."""
+    rng, hits = np.random.default_rng(9), 0
+    trainings, scenes = (each.ravel() for each in np.indices((3, 60)))
+    for _ in range(300):
+        ease = rng.random((1, 60)) + 0.15 * rng.standard_normal((3, 1))
+        room = (rng.random((3, 60)) > ease).astype(float)
+        gain = room * (rng.random((3, 60)) < 0.5)
+        _, low, high = clustered_ratio(
+            Crossed(gain.ravel(), trainings, scenes), Crossed(room.ravel(), trainings, scenes)
+        )
+        hits += low <= 0.5 <= high
+    assert 0.92 < hits / 300 <= 1
+
+
+def test_halves_that_disagree_make_a_tie():
+    tables, conditions, ceilings = many(conditions=1, scenes=4)
+    one = tables["c0"][tables["c0"].method == "direct"].assign(p2=False)
+    even, odd = one.episode_seed % 2 == 0, one.episode_seed % 2 == 1
+    good_on = {"here": even, "there": odd}
+    rows = [one, *(one.assign(method=name, p2=where, **{"lambda": 1.0}) for name, where in good_on.items())]
+    found = ranking({"c0": pd.concat(rows, ignore_index=True)}, conditions, ceilings)
+    assert found.tied["here"] and found.tied["there"] and found.share["here"] == found.share["there"] == 0.5
+    assert (found.even["here"], found.odd["here"]) == (1, 2)
+    assert "1 to 2, tied" in ranking_text(found.reset_index())
+    said = remarks(found.reset_index(), "mine", ["c0"], ceilings)
+    assert said == ["Even and odd scenes do not order the first alike: here, there are tied."]
+
+
+def test_what_lacks_episodes_or_a_ceiling_is_said():
+    tables, conditions, ceilings = many(conditions=2)
+    lacking = tables["c0"].method.eq("mine") & tables["c0"].episode_seed.eq(50_000)
+    found = ranking(tables | {"c0": tables["c0"][~lacking]}, conditions, ceilings)
+    assert np.isnan(found.share["mine"]) and np.isnan(found["rank"]["mine"]) and found.worst["mine"] > 0
+    said = remarks(found.reset_index(), "mine", [*conditions], ceilings)
+    assert said == ["Without a rank, as episodes of direct transfer's are missing: mine."]
+    unfrozen = ranking(tables, conditions, {})
+    assert unfrozen.share.isna().all() and unfrozen["rank"]["top"] == 1
+    (said,) = remarks(unfrozen.reset_index(), "mine", [*conditions], {})
+    assert said.endswith("To freeze them: python -m benchmark.ceilings suite=mine")
+    elsewhere = {name: replace(each, scenes=tuple(range(1, 41))) for name, each in ceilings.items()}
+    (said,) = remarks(ranking(tables, conditions, elsewhere).reset_index(), "mine", [*conditions], elsewhere)
+    assert said == "There are no shares of head-room: the ceilings are of scenes 1 to 40 alone."
+
+
+def test_the_interquartile_mean_leaves_out_the_outer_quarters():
+    assert interquartile_mean(np.array([-9.0, 0.2, 0.4, 99.0])) == pytest.approx(0.3)
+    assert interquartile_mean(np.array([0.5, np.nan])) == 0.5 and np.isnan(interquartile_mean(np.array([np.nan])))
+
+
+def test_the_probability_of_improvement_is_mann_whitneys():
+    from scipy.stats import mannwhitneyu
+
+    rng = np.random.default_rng(4)
+    x, y = (
+        pd.DataFrame({"condition": np.repeat(["a", "b"], 30), "checkpoint": np.tile(np.repeat([1, 2, 3], 10), 2)})
+        .assign(score=rng.integers(2, size=60))
+        for _ in range(2)
+    )  # fmt: skip
+    expected = []
+    for name in "ab":
+        means = [rows[rows.condition == name].groupby("checkpoint").score.mean() for rows in (x, y)]
+        expected.append(mannwhitneyu(*means, alternative="greater", method="asymptotic").statistic / 9)
+    assert probability_of_improvement(x, y) == pytest.approx(np.mean(expected))
+    assert probability_of_improvement(x, x) == 0.5
+    assert probability_of_improvement(x, y) + probability_of_improvement(y, x) == pytest.approx(1)
+
+
+def test_methods_say_what_they_need():
+    from policies.methods import METHODS
+
+    needs = {name: method.needs for name, method in METHODS.items()}
+    assert needs["direct"] == () and needs["paper"] == ("source's map", "target's map")
+    assert needs["projection"] == ("arm's description",) and needs["plan_of_any"] == ("a model of the task",)
+    assert needs["plan_on_arm"] == ("arm's description", "a model of the task")
+    assert all(method.field is None or method.needs for method in METHODS.values())
 
 
 def test_a_ratio_of_sums_has_an_interval_that_scales():
@@ -176,3 +315,5 @@ def test_rows_of_a_suite_are_shown_by_condition(tmp_path, capsys):
     show.main(show.ShowConfig(table=str(tmp_path), suite="official"))
     shown = capsys.readouterr().out
     assert "| ur3         | reorder  | 0.01 | 12  | 66.7 [" in shown and "+25.0 [" in shown
+    with pytest.raises(SettingError, match="no episodes of the conditions of suite=buttons-v1"):
+        show_suite("buttons-v1", suite_conditions("buttons-v1"), on_arm(DIRECT), PRESS_BUTTONS)

@@ -30,7 +30,6 @@ from benchmark.settings.robot_config import RobotConfig
 from benchmark.sweeps.chosen_players import rollouts_of
 from benchmark.sweeps.job import guides_source, job_name
 from benchmark.sweeps.sweep import count_jobs
-from policies.methods import SWEPT
 from richmap.robots.robots import load_robot
 
 pytestmark = pytest.mark.system
@@ -78,8 +77,9 @@ def test_the_transfer_table_is_nine_models_on_four_arms():
     assert clean.output_dir == "results/transfer/clean/xarm6-original" and "clean-seed42-1" in job_name(clean)
 
 
-def test_the_methods_are_compared_by_the_strict_protocol():
-    assert count("experiment=methods") == 2 * 3 * 4 * (1 + len(SWEPT))
+def test_the_methods_that_have_a_scale_are_compared_by_the_strict_protocol(tmp_path):
+    chosen = scales(tmp_path / "chosen", projection=0.02, reorder=0)
+    assert count("experiment=methods", f"scales_dir={chosen}") == 2 * 3 * 4 * 3
     (one,) = jobs("experiment=methods", "setting=best", "seed=44", "robot=ur10", "method=projection")
     assert (one.episodes, one.seed_start, one.checkpoint, one.guidance_scale) == (100, 150_000, 1, None)
 
@@ -124,7 +124,10 @@ def test_the_scale_is_the_one_chosen_for_the_task(tmp_path):
     for off in ("direct", "reorder"):  # "Off" can be chosen too.
         config.method = off
         assert with_scale(config) == 0
-    config.method = "towards"
+    (tmp_path / "a" / "block_push.yaml").write_text("projection: {scale: 0.0")
+    with pytest.raises(SettingError, match="block_push.yaml is damaged"):
+        with_scale(config)
+    config.scales_dir, config.method = str(tmp_path / "none"), "towards"
     with pytest.raises(SettingError, match=r"no scale of method=towards. Choose one: .*methods=.towards"):
         with_scale(config)
 

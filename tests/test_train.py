@@ -125,7 +125,8 @@ def test_a_checkpoint_loads_and_says_how_it_was_made(root, tmp_path):
     }
     assert postprocess(policy.select_action(preprocess(observation))).shape == (1, 2)
     card = (checkpoint / "README.md").read_text()
-    assert "2 clean" in card and '"seed": 43' in card and "1 in the network is 0.03, 0.03 (m or rad)" in card
+    assert "of the xArm6, from states" in card
+    assert "2 clean" in card and '"seed": 43' in card and "1 in the network is 0.03 m, 0.03 m" in card
 
 
 def test_kept_steps_are_policies_of_one_training(root, tmp_path):

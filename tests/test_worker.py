@@ -12,7 +12,7 @@ def test_a_job_of_a_sweep_has_workers_of_its_own():
     def asked_of_workers(numbers):
         from richmap.worker import worker_pool
 
-        with worker_pool(2) as pool:
+        with worker_pool(1) as pool:
             return [*pool.map(abs, numbers)]
 
-    assert Parallel(n_jobs=2)(delayed(asked_of_workers)([-i, -2]) for i in range(2)) == [[0, 2], [1, 2]]
+    assert Parallel(n_jobs=2)([delayed(asked_of_workers)([-1, -2])]) == [[1, 2]]

@@ -2,6 +2,7 @@
 
 import fnmatch
 import json
+import re
 from pathlib import Path
 
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
@@ -19,6 +20,13 @@ CHECKPOINTS = [
 ]
 """Where checkpoints are looked for: those that ship, and those that `benchmark.source_policies` and `benchmark.train`
 make; those of another task than block_push in a folder of its name."""
+
+
+HUB_NAME = r"[\w.-]+/[\w.-]+"
+"""What a policy on the Hub is called: its owner and its name."""
+
+HUB_FILES = ["config.json", "model.safetensors", "train_config.json", "policy_*.json", "policy_*.safetensors"]
+"""Of a checkpoint there."""
 
 
 def of_task(folder: Path, task: str) -> Path:
@@ -42,6 +50,36 @@ def chosen_checkpoint(config: RunConfig) -> Path:
             f"{config.policy} is of type {checkpoint.type}: use lambda=0."
         )
     return checkpoint.folder
+
+
+def policy_folder(name: str, task: str = RunConfig.task) -> Path:
+    """Folder of a policy: a task's one of this name that ships or was trained here, the folder of that name, or else
+    the copy of what the Hub has by it, fetched if it is not there yet.
+
+    Raises:
+        SettingError: If there is none.
+    """
+    folders = [of_task(root, task) / name for root in CHECKPOINTS]
+    named = [folder for folder in folders if (folder / "model.safetensors").exists()]
+    if named:
+        return named[0]
+    if Path(name).exists() or not re.fullmatch(HUB_NAME, name):
+        return Checkpoint.from_path(name).folder
+    return Checkpoint.from_path(str(_from_hub(name))).folder
+
+
+def _from_hub(name: str) -> Path:
+    """A checkpoint's files from the Hub, and no others."""
+    from huggingface_hub import snapshot_download
+
+    try:
+        return Path(snapshot_download(name, allow_patterns=HUB_FILES))
+    except Exception as error:  # Of the network, the Hub or its copies here.
+        why = " ".join(str(error).split())[:300]
+        raise SettingError(
+            f"policy={name} is no folder here, and was not had from the Hub: {type(error).__name__}: {why}. "
+            "Give the folder of a checkpoint, or look whether the Hub can be reached."
+        ) from error
 
 
 def checkpoint_folder(seed: int, rank: int = 1, recipe: str = USUAL, task: str = RunConfig.task) -> Path:

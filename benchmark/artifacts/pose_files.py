@@ -2,7 +2,6 @@
 
 import json
 import re
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -179,8 +178,9 @@ def _npz(file: Path) -> _Table:
     try:
         with file.open("rb") as opened, np.load(opened, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
-    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile) as error:
-        raise PoseFileError(f"it is damaged, or no .npz file of plain arrays ({error})") from error
+    except Exception as error:  # Whatever zipfile, zlib and NumPy raise at bytes that are none of theirs.
+        said = " ".join(str(error).split()) or type(error).__name__
+        raise PoseFileError(f"it is damaged, or no .npz file of plain arrays ({said})") from error
     episodes = arrays.pop(EPISODE, None)
     columns: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
@@ -206,20 +206,24 @@ def _dataset(root: Path, feature: str) -> _Table:
         fps, features = float(info["fps"]), dict(info["features"])
         episodes = rows["episode_index"].to_numpy()
         named = {key: _names(each.get("names"), each["shape"]) for key, each in features.items() if key in rows}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        numbers = {key: _rows_of(rows[key]) for key, names in named.items() if len(names) > 1}
+    except Exception as error:  # Whatever JSON, pandas and Arrow raise at bytes that are none of theirs.
         raise PoseFileError(f"it is no folder of a LeRobotDataset, or damaged ({error!r})") from error
     if feature and feature not in named:
         raise PoseFileError(f"feature={feature} is not in it. It has {_some(named)}")
     order = [feature] if feature else [*(key for key in FIRST if key in named), *(k for k in named if k not in FIRST)]
-    tables = []
-    for key in order:
-        if len(names := named[key]) > 1:
-            values = np.stack([np.asarray(value, dtype=np.float64) for value in rows[key]]).reshape(len(rows), -1)
-            if values.shape[1] == len(names):
-                tables.append(_Table(dict(zip(names, values.T, strict=True)), episodes, fps, key))
+    tables = [
+        _Table(dict(zip(named[key], numbers[key].T, strict=True)), episodes, fps, key)
+        for key in order
+        if key in numbers and numbers[key].shape[1] == len(named[key])
+    ]
     if not tables:
         raise PoseFileError(f"none of its features has named numbers: {_some(named)}")
     return _Table(tables[0].columns, episodes, fps, tables[0].where, tables[1:])
+
+
+def _rows_of(feature: pd.Series) -> np.ndarray:
+    return np.stack([np.asarray(value, dtype=np.float64) for value in feature]).reshape(len(feature), -1)
 
 
 def _names(names: Any, shape: Any) -> list[str]:
@@ -232,6 +236,8 @@ def _names(names: Any, shape: Any) -> list[str]:
 
 
 def _numbers(column: np.ndarray, name: str) -> np.ndarray:
+    if column.dtype.kind == "c":
+        raise PoseFileError(f"column {name} has complex numbers")
     numbers = pd.to_numeric(pd.Series(column), errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
     if len(bad := np.flatnonzero(np.isnan(numbers))):
         row = int(bad[0])
@@ -245,8 +251,9 @@ def _whole(episodes: np.ndarray | None) -> np.ndarray | None:
     if episodes is None or episodes.dtype.kind in "iu":
         return episodes
     if episodes.dtype.kind == "f":
-        if not (np.isfinite(episodes) & (episodes == np.round(episodes))).all():
-            row = int(np.argmin(np.isfinite(episodes) & (episodes == np.round(episodes))))
+        whole = (np.abs(episodes) < 2**53) & (episodes == np.round(episodes))
+        if not whole.all():
+            row = int(np.argmin(whole))
             raise PoseFileError(f"Row {row + 1} has {episodes[row]} in column {EPISODE}, which is no whole number")
         return episodes.astype(np.int64)
     return pd.factorize(episodes)[0].astype(np.int64)

@@ -30,7 +30,7 @@ class CapabilityMapConfig:
     """Builds an arm's capability map, which holds full orientations; it is cached."""
 
     robot: RobotConfig = robot_field("panda")
-    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
+    """Arm: one that ships, or custom."""
     cell_size: float = 0.05
     """Edge of a cubic cell, in m, above 0."""
     theta: float = 0.4

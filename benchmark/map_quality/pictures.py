@@ -38,7 +38,7 @@ class PicturesConfig:
     """Draws an arm's map and what it is good for; the map is built if it is not in the cache."""
 
     robot: RobotConfig = robot_field("ur3")
-    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
+    """Arm: one that ships, or custom."""
     workers: int = 2
     """Processes that sample; the map does not depend on it. A whole number >= 1."""
     output_dir: str = "results/figures"

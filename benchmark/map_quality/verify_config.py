@@ -30,7 +30,7 @@ class VerifyMapsConfig:
     """Scores an arm's maps on poses that inverse kinematics has labelled, beside the paper's figures."""
 
     robot: RobotConfig = robot_field("panda")
-    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom; its rows replace older ones in the tables."""
+    """Arm: one that ships, or custom; its rows replace older ones in the tables."""
     poses: int = 200_000
     """Poses of each test set; a larger number adds to those that are in the cache. A whole number >= 100."""
     checked: int = 5_000

@@ -37,7 +37,7 @@ class ViewConfig:
     """Shows an arm and its map in three dimensions, in a web browser; the map is built if it is not in the cache."""
 
     robot: RobotConfig = robot_field("ur3")
-    """Arm: xarm6, ur3, ur5, ur10, panda, iiwa7, ur5e, gen3, or custom."""
+    """Arm: one that ships, or custom."""
     colour: str = "coverage"
     """What cells are coloured by: coverage, or mmd (discrepancy of directions against the xArm6's)."""
     cell: list[float] | None = None

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 from rich.console import Console
 
-from benchmark.artifacts.checkpoint import Checkpoint
-from benchmark.artifacts.known_policies import CHECKPOINTS, of_task
+from benchmark.artifacts.known_policies import policy_folder
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.missing_episodes import play_and_store
 from benchmark.settings.config import RunConfig
@@ -30,7 +29,8 @@ def evaluate(
     """Roll a policy out on an arm; what is stored already is not run again.
 
     Args:
-        policy: Name of a policy that ships, such as `seed42-1`, or the folder of a LeRobot checkpoint.
+        policy: Name of a policy that ships, such as `seed42-1`, or the folder of a LeRobot checkpoint, or its name on
+            the Hub.
         robot: Name of an arm, or `RobotConfig("custom", path=..., base=..., end_effector=...)`.
         method: Guidance, one of `policies.methods.METHODS`.
         scale: Its scale; 0 is direct transfer.
@@ -44,7 +44,7 @@ def evaluate(
     Raises:
         SettingError: If a setting has a value that it cannot have, or a piece is missing.
     """
-    folder = _folder(policy, settings.get("task", RunConfig.task))
+    folder = policy_folder(str(policy), settings.get("task", RunConfig.task))
     config = RunConfig(
         robot=RobotConfig(robot) if isinstance(robot, str) else robot,
         method="paper" if method == "direct" else method,
@@ -58,10 +58,3 @@ def evaluate(
     rollout: Rollout = make_rollout(config, config.guidance_scale or 0.0, folder, console)
     (rows,) = play_and_store([rollout], config, console)
     return rows
-
-
-def _folder(policy: str | Path, task: str) -> Path:
-    """Of a policy: the task's one of this name that ships or was trained here, or else the folder itself."""
-    folders = [of_task(root, task) / policy for root in CHECKPOINTS]
-    named = [folder for folder in folders if (folder / "model.safetensors").exists()]
-    return named[0] if named else Checkpoint.from_path(str(policy)).folder

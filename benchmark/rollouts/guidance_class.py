@@ -59,10 +59,13 @@ class GuidanceClass(Stranger):
     ) -> "tuple[Guidance, dict[str, Any]]":
         """An instance in this process, running the file, and what has to be known to ask it."""
         from policies.guidance import Guidance
-        from richmap.similarity.load_field import load_field
 
         made: Callable[..., Guidance] = self.load_class()
-        given = load_field(field) if field else None
+        given = None
+        if field:
+            from richmap.similarity.load_field import load_field
+
+            given = load_field(field)
         try:
             theirs = made(given, scale, base, seed)
         except BaseException as error:

@@ -1,16 +1,19 @@
-"""What methods come to on a suite: by condition, and the share of the head-room that each closes."""
+"""What methods come to on each condition of a suite, and all that is shown of one."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmark.episodes.arm import of_arm
-from benchmark.scoring.ceiling import PLAIN, PLANNER, Ceiling, ceilings_file, read_ceilings
-from benchmark.scoring.statistics import Crossed, clustered_mean, clustered_ratio
+from benchmark.scoring.ceiling import Ceiling, ceilings_file, read_ceilings
+from benchmark.scoring.statistics import Crossed, clustered_mean
+from benchmark.scoring.suite_ranking import REFERENCES, method_pairs, ranking_text, suite_ranking
 from benchmark.settings.config import ConditionConfig, RunConfig
 from benchmark.settings.robot_config import RobotConfig
 from benchmark.settings.scenes import TABLES
+from benchmark.settings.setting import SettingError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -72,72 +75,13 @@ def suite_table(
     return pd.DataFrame(shown)
 
 
-def shares(
-    tables: "Mapping[str, pd.DataFrame]",
-    conditions: Mapping[str, ConditionConfig],
-    ceilings: Mapping[str, Ceiling],
-    task: "Task",
-) -> "pd.DataFrame":
-    r"""Of each method the share of head-room that it closes, with its interval for other trainings and scenes.
-
-    It is :math:`\sum (s - s_0) / \sum (c - s_0)` over the conditions that are not saturated, with the method's score s,
-    direct transfer's :math:`s_0` and the ceiling c, of the same policies on the same scenes. Above 1 a method does
-    better than the ceiling, which is of what there was when it was frozen. `harm` is the mean difference to direct
-    transfer over the saturated ones. A method that lacks episodes of a condition has no share.
-    """
-    import pandas as pd
-
-    name, counted = task.ranking[0], [key for key in tables if not conditions[key].saturated and key in ceilings]
-    methods = sorted({(row.method, row["lambda"]) for rows in tables.values() for _, row in _methods(rows)})
-    shown = []
-    for method, scale in methods:
-        parts, harm, whole = [], [], bool(counted)
-        for condition, rows in tables.items():
-            group = rows[(rows.method == method) & (rows["lambda"] == scale)]
-            direct = rows[rows.method == "direct"]
-            on = ["checkpoint", "episode_seed"]
-            pairs = group[[*on, name]].merge(direct[[*on, name]], on=on, suffixes=("", "_direct"))
-            pairs["gain"] = pairs[name].astype(float) - pairs[f"{name}_direct"].astype(float)
-            if conditions[condition].saturated and len(pairs):
-                harm.append(pairs.gain.mean())
-            if condition not in counted:
-                continue
-            of_ceiling = ceilings[condition].on(sorted({*pairs.episode_seed}))
-            reached = pd.DataFrame(
-                {"checkpoint": of_ceiling.trainings, "episode_seed": of_ceiling.episodes, "reached": of_ceiling.values}
-            )
-            pairs = pairs.merge(reached, on=on)
-            pairs["room"] = pairs.reached - pairs[f"{name}_direct"].astype(float)
-            whole &= len(pairs) == len(direct) > 0
-            parts.append(pairs[[*on, "gain", "room"]])
-        row = {"method": method, "lambda": scale, "harm": np.mean(harm) if harm else np.nan}
-        share = (np.nan,) * 3
-        if whole:
-            sums = pd.concat(parts).groupby(["checkpoint", "episode_seed"], as_index=False).sum()
-            share = clustered_ratio(*(_by_policy(sums, sums[key]) for key in ("gain", "room")))
-        shown.append(row | dict(zip(("share", "share_low", "share_high"), share, strict=True)))
-    return pd.DataFrame(shown).sort_values("share", ascending=False, ignore_index=True)
-
-
-def suite_text(table: "pd.DataFrame", shared: "pd.DataFrame", task: "Task") -> str:
-    """Both tables for people, in Markdown; percent and points."""
+def suite_text(table: "pd.DataFrame", task: "Task") -> str:
+    """The table for people, in Markdown; percent and points."""
     import pandas as pd
 
     from benchmark.scoring.scores import difference_text, with_interval
 
-    name, blocks = task.ranking[0], []
-    if shared.share.notna().any():
-        lines = [
-            {
-                "method": row.method,
-                "λ": f"{row['lambda']:g}",
-                "share of head-room closed": with_interval(row, "share") if pd.notna(row.share) else "-",
-                "harm where saturated": "-" if pd.isna(row.harm) else f"{100 * row.harm:+.1f}",
-            }
-            for _, row in shared.iterrows()
-            if row.method not in ("direct", PLANNER, PLAIN)
-        ]
-        blocks.append(pd.DataFrame(lines).to_markdown(index=False, disable_numparse=True))
+    name = task.ranking[0]
     lines = [
         {
             "condition": row.condition,
@@ -152,12 +96,7 @@ def suite_text(table: "pd.DataFrame", shared: "pd.DataFrame", task: "Task") -> s
         }
         for _, row in table.iterrows()
     ]
-    blocks.append(pd.DataFrame(lines).to_markdown(index=False, disable_numparse=True))
-    return "\n\n".join(blocks)
-
-
-def _methods(rows: "pd.DataFrame") -> "list[tuple[int, pd.Series]]":
-    return [*rows[["method", "lambda"]].drop_duplicates().iterrows()]
+    return pd.DataFrame(lines).to_markdown(index=False, disable_numparse=True)
 
 
 def _crossed(rows: "pd.DataFrame", values: "pd.Series") -> Crossed:
@@ -165,14 +104,52 @@ def _crossed(rows: "pd.DataFrame", values: "pd.Series") -> Crossed:
     return Crossed(values.to_numpy(float), rows.checkpoint_hash.to_numpy(str), rows.episode_seed.to_numpy())
 
 
-def _by_policy(rows: "pd.DataFrame", values: "pd.Series") -> Crossed:
-    return Crossed(values.to_numpy(float), rows.checkpoint.to_numpy(str), rows.episode_seed.to_numpy())
+def show_suite(
+    suite: str, conditions: dict[str, ConditionConfig], rows: "pd.DataFrame", task: "Task", ceilings: Path | None = None
+) -> None:
+    """Print what rows come to on a suite, on one block of scenes: those for tables, or where none are, the others.
 
-
-def show_suite(suite: str, conditions: dict[str, ConditionConfig], rows: "pd.DataFrame", task: "Task") -> None:
-    """Print what rows come to on a suite, on one block of scenes: those for tables, or where none are, the others."""
+    Args:
+        suite: Its name.
+        conditions: Its conditions.
+        rows: Of episodes.
+        task: What they are of.
+        ceilings: File of ceilings; None for those that are frozen with the suite.
+    """
     in_block = rows.episode_seed.isin(TABLES)
     rows = rows[in_block] if in_block.any() else rows
-    ceilings, tables = read_ceilings(ceilings_file(suite)), by_condition(rows, conditions, task)
-    shown = conditions, ceilings, task
-    print(suite_text(suite_table(tables, *shown), shares(tables, *shown), task))
+    frozen, tables = read_ceilings(ceilings or ceilings_file(suite)), by_condition(rows, conditions, task)
+    if not any(map(len, tables.values())):
+        raise SettingError(
+            f"These are no episodes of the conditions of suite={suite}. Roll them out: "
+            f"python -m benchmark.run suite={suite} method=..."
+        )
+    counted = [name for name, condition in conditions.items() if not condition.saturated]
+    texts, pairs = [], method_pairs(tables, conditions, frozen, task)
+    if len(pairs):
+        ranking = suite_ranking(pairs, counted)
+        texts = [ranking_text(ranking), *remarks(ranking, suite, counted, frozen)]
+    print("\n\n".join(filter(None, [*texts, suite_text(suite_table(tables, conditions, frozen, task), task)])))
+
+
+def remarks(
+    ranking: "pd.DataFrame", suite: str, counted: Sequence[str], ceilings: Mapping[str, Ceiling]
+) -> "list[str]":
+    """What there is to say of a ranking: why methods have no share or no rank, and which are tied."""
+    methods = ranking[~ranking.method.isin(REFERENCES)]
+    said: list[str] = []
+    if methods.empty or not counted:
+        return said
+    if not {*counted} <= {*ceilings}:
+        said.append(
+            f"The ceilings of {suite} are not frozen, so there are no shares of head-room, and the mean gain ranks. To "
+            f"freeze them: python -m benchmark.ceilings suite={suite}"
+        )
+    elif methods.share.isna().all():
+        scenes = sorted({scene for each in ceilings.values() for scene in each.scenes})
+        said.append(f"There are no shares of head-room: the ceilings are of scenes {scenes[0]} to {scenes[-1]} alone.")
+    if len(lacking := [*methods.method[methods["rank"].isna()]]):
+        said.append(f"Without a rank, as episodes of direct transfer's are missing: {', '.join(lacking)}.")
+    if len(tied := [*methods.method[methods.tied.eq(True)]]):
+        said.append(f"Even and odd scenes do not order the first alike: {', '.join(tied)} are tied.")
+    return said

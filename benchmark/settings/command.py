@@ -3,7 +3,7 @@
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from typing import NoReturn
 
@@ -16,7 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from benchmark.settings.composition import CONF, file_groups, files_of, register
 from benchmark.settings.help import help_text
-from benchmark.settings.overrides import checked, split
+from benchmark.settings.overrides import checked, named, split
 from benchmark.settings.setting import (
     Setting,
     SettingError,
@@ -49,6 +49,7 @@ def run_command[Config](
     name: str,
     job: Callable[[DictConfig], None] | None = None,
     end_sweep: Callable[[], None] | None = None,
+    positional: Sequence[str] = (),
 ) -> None:
     """Read settings `key=value` from the command line into a `schema` and call `main` with it.
 
@@ -61,6 +62,7 @@ def run_command[Config](
         name: Of the command's configuration.
         job: What it does with each combination of a sweep, if that is something else.
         end_sweep: What it does when a sweep is over.
+        positional: Settings that may be given by their place, without their names.
     """
     signal.signal(signal.SIGTERM, _terminate)
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises instead of printing.
@@ -70,6 +72,7 @@ def run_command[Config](
         if os.environ.get("MUJOCO_GL"):
             import envs  # noqa: F401, which says whether MuJoCo loads with that.
         flags, overrides = split(sys.argv[1:])
+        overrides = named(overrides, positional)
         register(schema, name)
         sweeps = not {"-m", "--multirun"}.isdisjoint(flags) or any(
             override.startswith(("experiment=", "hydra.mode=")) for override in overrides

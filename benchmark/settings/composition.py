@@ -7,8 +7,9 @@ from hydra import initialize, initialize_config_dir
 from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
+from benchmark.settings.chosen_scales import read_scales
 from benchmark.settings.setting import as_typed, choices_of
-from policies.methods import DIRECT, SWEPT
+from policies.methods import DIRECT
 
 CONF = Path(__file__).parents[1] / "conf"
 
@@ -22,9 +23,10 @@ QUIET = {
 def register(schema: type, name: str) -> None:
     """Tell Hydra of a command's schema, of what its groups can be, and, if no file does, how it is composed.
 
-    In the files `${methods:}` is the names of methods of guidance, to sweep over.
+    In the files `${chosen:folder,task}` is direct transfer and the methods that have a chosen scale in a folder of
+    chosen scales, to sweep over.
     """
-    OmegaConf.register_new_resolver("methods", lambda: ",".join((DIRECT, *SWEPT)), replace=True)
+    OmegaConf.register_new_resolver("chosen", _chosen, replace=True)
     store, plain, choices = ConfigStore.instance(), as_typed(schema), choices_of(schema)
     for group, values in choices.items():
         for value in values:
@@ -34,6 +36,10 @@ def register(schema: type, name: str) -> None:
     if not _has_files(name):
         chosen = [{group: plain[group]["name"]} for group in choices]
         store.store(name, {"defaults": [f"{name}_schema", "quiet", *chosen, "_self_"]})
+
+
+def _chosen(folder: str, task: str) -> str:
+    return ",".join((DIRECT, *read_scales(Path(folder) / f"{task}.yaml")))
 
 
 def files_of(name: str) -> str | None:

@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from benchmark.settings.limits import memory
 from benchmark.settings.map_config import EnergyConfig, MapConfig
@@ -16,6 +17,9 @@ from benchmark.settings.setting import SettingError, check_setting
 from benchmark.settings.task import chosen_task
 from policies.methods import METHODS, said_of_each
 from richmap.robots import ROBOTS
+
+if TYPE_CHECKING:
+    from envs.task import Task
 
 ORACLE_METHODS = {"plain": "plain_oracle", "aware": "aware_oracle"}
 """Scripted oracles (`envs.block_push.oracle`, `envs.block_push.aware_oracle`), and what stands in the column `method`
@@ -82,12 +86,17 @@ class LimitsConfig:
         check_setting(0.5 <= self.memory <= memory(), "limits.memory", self.memory, most)
 
 
-def check_method(name: str, setting: str, methods: Iterable[str]) -> None:
-    """Raise `SettingError` unless this is one of these methods, or a class in a file that is there."""
+def check_method(name: str, setting: str, methods: Iterable[str], task: "Task") -> None:
+    """Raise `SettingError` unless this is one of these methods and acts in the task, or a class in a file that is
+    there."""
     if not re.fullmatch(CLASS_IN_FILE, name):
         check_setting(name in methods, setting, name, f"{', '.join(methods)}, or a class in a file, as in mine.py:Mine")
     elif not Path(file := name.rpartition(":")[0]).is_file():
         raise SettingError(f"{setting}={name}: there is no file {file}.")
+    if name in METHODS and (why := METHODS[name].refusal(task.space)):
+        raise SettingError(f"{setting}={name}: {why}.")
+    if name in METHODS and METHODS[name].imagines and task.model is None:
+        raise SettingError(f"{setting}={name}: it imagines episodes, and {task.name} has no model to do that with.")
 
 
 @dataclass
@@ -108,7 +117,8 @@ class RunConfig:
     (its code is run, in a process of its own); or plain_oracle or aware_oracle, scripted ones in place of a policy."""
     suite: str = ""
     """Conditions on all of which the method is rolled out, at its chosen scale, in place of robot, setting and arm:
-    push-v1 (conditions with head-room) or official (four arms, embodied and best); a file of conf/suite each."""
+    push-v1 (conditions with head-room), official (four arms, embodied and best) or buttons-v1 (pressing buttons); a
+    file of conf/suite each."""
     seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
     """With suite=: training seeds of the policies, in place of seed."""
     conditions: dict[str, ConditionConfig] = field(default_factory=dict)
@@ -158,9 +168,8 @@ class RunConfig:
     limits: LimitsConfig = field(default_factory=LimitsConfig)
 
     def __post_init__(self) -> None:
-        chosen_task(self.task)
         scale = self.guidance_scale
-        check_method(self.method, "method", [*METHODS, *ORACLE_METHODS.values()])
+        check_method(self.method, "method", [*METHODS, *ORACLE_METHODS.values()], chosen_task(self.task))
         check_setting(bool(self.conditions) or not self.suite, "suite", self.suite, "a file of conf/suite")
         if scale is not None:
             check_setting(math.isfinite(scale) and scale >= 0, "lambda", scale, "any number >= 0, or null")
@@ -189,7 +198,7 @@ class OracleConfig:
     """Rolls out the scripted oracle on an arm: what the task allows there without a learned policy."""
 
     robot: RobotConfig = robot_field("ur3")
-    """Arm: xarm6, ur3, ur5 or ur10."""
+    """Arm: one that ships, or custom."""
     task: str = "block_push"
     """What is to be done: block_push, press_buttons, or a task of your own as module:NAME (an `envs.task.Task`; its
     code is run)."""

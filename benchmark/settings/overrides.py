@@ -1,7 +1,7 @@
 """Arguments of a command as people type them: Hydra's flags, and overrides `setting=value`."""
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Quote, QuotedString
@@ -54,8 +54,21 @@ def split(arguments: Iterable[str]) -> tuple[list[str], list[str]]:
     return flags, overrides
 
 
+def named(overrides: Sequence[str], positional: Sequence[str]) -> list[str]:
+    """The overrides, in which the first arguments that are not setting=value have the names of these settings."""
+    bare = [argument for argument in overrides if "=" not in argument and not argument.startswith("~")]
+    names: dict[str, list[str]] = {}
+    for name, argument in zip(positional, bare, strict=False):
+        names.setdefault(argument, []).append(name)
+    return [f"{names[each].pop(0)}={each}" if names.get(each) else each for each in overrides]
+
+
 FORMER = {"slots": "batch_size"}
 """What settings were once called."""
+
+
+SUITES_OWN = ("robot", "setting", "arm", "seed")
+"""Settings in place of which a suite has others; of its training seeds `seeds` chooses some."""
 
 
 def checked(overrides: Iterable[str], known: Mapping[str, Setting], name: str, sweeps: bool) -> list[str]:
@@ -68,7 +81,7 @@ def checked(overrides: Iterable[str], known: Mapping[str, Setting], name: str, s
         sweeps: Whether commas part the values of a sweep.
 
     Raises:
-        SettingError: If one is no override, or of no setting, or one is given twice.
+        SettingError: If one is no override, or of no setting, or one is given twice, or one does nothing.
     """
     given, quoted = set(), []
     for override in overrides:
@@ -88,6 +101,10 @@ def checked(overrides: Iterable[str], known: Mapping[str, Setting], name: str, s
         if key in known and isinstance(known[key].default, list) and value and not sweeps and value[0] not in "[$'\"":
             override, value = f"{key}=[{value}]", f"[{value}]"  # A list may be written as a sweep's values are.
         quoted.append(_readable(override, key, value, kind, sweeps))
+    if "suite" in given and (idle := [key for key in given if key.partition(".")[0] in SUITES_OWN]):
+        raise SettingError(
+            f"{idle[0]} does nothing with a suite, which has its own. Leave it out (seeds=[42] takes one policy)."
+        )
     return quoted
 
 
@@ -124,7 +141,8 @@ def _quoted(text: str) -> str:
 
 def how_to_quote(key: str, value: str) -> str:
     """Advice to those whose value has a sign that Hydra gives a meaning."""
-    return f"A text with one of = , ( ) [ ] {{ }} stands in two pairs of quotes: '{key}=\"{value}\"'."
+    signs = "one of = , ( ) [ ] { }, or with a letter beyond a to z,"
+    return f"A text with {signs} stands in two pairs of quotes: '{key}=\"{value}\"'."
 
 
 def _where(name: str) -> str:

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 SOURCE = "xarm6"
 """The arm that policies are trained on; its base frame is the world frame."""
+SOURCE_IN_WORDS = "xArm6"
+"""The same arm in a sentence."""
 
 PAPER_ARMS = (SOURCE, "ur3", "ur5", "ur10")
 """The source and the arms that the paper transfers to: what lists of arms hold unless told otherwise."""

@@ -8,7 +8,6 @@ a run with `--seed` + i, in batches of a vector environment that starts finished
 after an episode's end it leaves out. Its noise is torch's own, so rates are compared, not episodes.
 """
 
-import json
 import os
 import shutil
 import subprocess
@@ -22,6 +21,7 @@ from benchmark.artifacts.known_policies import chosen_checkpoint
 from benchmark.artifacts.outputs import store_rows
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.missing_episodes import play_and_store
+from benchmark.scoring.eval_info import read_eval_info
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.config import RunConfig
 from benchmark.settings.paths import check_folder
@@ -143,9 +143,8 @@ def lerobot_eval(rollout: "Rollout", seeds: range, batch_size: int) -> dict[str,
     with TemporaryDirectory() as folder:
         if subprocess.run(command, cwd=folder, env=environment, stdout=subprocess.DEVNULL).returncode != 0:
             raise RuntimeError(f"lerobot-eval failed: {' '.join(command)}")
-        evaluation = json.loads(Path(folder, "evaluation", "eval_info.json").read_text())
-    (task,) = evaluation["per_task"]
-    return task["metrics"]
+        episodes = read_eval_info(Path(folder, "evaluation"))
+    return {"successes": episodes.success.tolist(), "sum_rewards": episodes.reward.tolist()}
 
 
 def compare(folder: Path) -> "pd.DataFrame":

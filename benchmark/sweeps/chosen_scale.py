@@ -1,11 +1,10 @@
 """The scale of a method that was chosen on validation scenes, and what stands beside it."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import yaml
+from typing import TYPE_CHECKING
 
 from benchmark.episodes.arm import arm_name
+from benchmark.settings.chosen_scales import read_scales
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig
 from benchmark.settings.scenes import FIRST_TEST_SEED
@@ -54,11 +53,6 @@ def chosen_scale(stage: "Stage") -> float:
 def scales_file(folder: str, task: "Task") -> Path:
     """The file of a task's chosen scales."""
     return Path(folder) / f"{task.name}.yaml"
-
-
-def read_scales(file: Path) -> dict[str, dict[str, Any]]:
-    """What was chosen for each method, and from what; nothing if the file is not there."""
-    return yaml.safe_load(file.read_text()) or {} if file.exists() else {}
 
 
 def arm_folder(output_dir: str, recipe: str, arm: "PlacedArm") -> Path:

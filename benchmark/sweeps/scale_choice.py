@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
+from benchmark.settings.chosen_scales import read_scales
 from benchmark.settings.command import check_setting
 from benchmark.settings.config import ConditionConfig, RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
@@ -14,7 +15,7 @@ from benchmark.settings.paths import check_folder
 from benchmark.settings.scenes import VALIDATION
 from benchmark.settings.suite import suite_conditions, suite_runs, suite_task
 from benchmark.settings.task import chosen_task
-from benchmark.sweeps.chosen_scale import read_scales, scales_file
+from benchmark.sweeps.chosen_scale import scales_file
 from policies.methods import GUIDED, METHODS, SWEPT
 
 if TYPE_CHECKING:
@@ -58,7 +59,8 @@ class ChooseScalesConfig:
         inside = self.seed_start in VALIDATION and self.seed_start + self.episodes - 1 in VALIDATION
         check_setting(inside, "seed_start", self.seed_start, f"validation scenes, {VALIDATION[0]} to {VALIDATION[-1]}")
         check_folder(self.scales_dir, "scales_dir")
-        self.run(self.methods[0])
+        for name in self.methods:
+            self.run(name)
 
     @property
     def conditions(self) -> dict[str, ConditionConfig]:

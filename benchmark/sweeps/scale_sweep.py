@@ -88,7 +88,7 @@ class ScalesConfig:
 
     def __post_init__(self) -> None:
         for name in self.methods or ["[]"]:
-            check_method(name, "methods", SWEPT)
+            check_method(name, "methods", SWEPT, chosen_task(self.task))
         for scale in self.scale:
             check_setting(math.isfinite(scale) and scale > 0, "scale", scale, "numbers above 0")
         check_setting(1 <= self.points <= 16, "points", self.points, "a whole number from 1 to 16")

@@ -16,7 +16,6 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
-from benchmark.episodes.parts import read_part, to_frame
 from benchmark.settings.config import WandbConfig
 from benchmark.settings.setting import SettingError
 from benchmark.settings.task import chosen_task
@@ -84,6 +83,7 @@ def _sum_up(folder: Path, wandb: WandbConfig, task: str, beside: Path) -> None:
 
     from benchmark.artifacts.wandb_run import unharmed
     from benchmark.episodes.episode import IDENTITY
+    from benchmark.episodes.parts import read_part, to_frame
     from benchmark.scoring.own_results import show_results
     from benchmark.sweeps.experiment_log import log_curves
 

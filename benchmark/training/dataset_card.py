@@ -6,7 +6,7 @@ from pathlib import Path
 from huggingface_hub import DatasetCard
 from lerobot.datasets import LeRobotDatasetMetadata, create_lerobot_dataset_card
 
-from benchmark.settings.robot_config import SOURCE
+from benchmark.settings.robot_config import SOURCE_IN_WORDS
 from benchmark.settings.task import chosen_task
 from benchmark.training.demonstration_recipe import CollectConfig
 
@@ -17,8 +17,8 @@ TEMPLATE = """
 
 {columns}
 
-`action` is the oracle's, in m; in every `kind` but clean another one was executed now and then. `seed` is that of the
-episode's scene. meta/info.json names all numbers, and meta/collect.json says how the data were made:
+`action` is the oracle's, in {units}; in every `kind` but clean another one was executed now and then. `seed` is that
+of the episode's scene. meta/info.json names all numbers, and meta/collect.json says how the data were made:
 
     python -m benchmark.collect {settings}
 
@@ -67,8 +67,9 @@ def dataset_card(folder: Path, name: str, config: CollectConfig) -> str:
         episodes=meta.total_episodes,
         frames=meta.total_frames,
         fps=meta.fps,
-        robot=SOURCE,
+        robot=SOURCE_IN_WORDS,
         columns="\n".join(columns),
+        units=" and ".join(dict.fromkeys(chosen_task(config.task).space.action.units)),
         settings=" ".join(f"{key}={value}".lower() for key, value in changed.items()),
     )
     return str(DatasetCard(f"---\n{head.to_yaml()}\n---\n{text}"))

@@ -23,7 +23,7 @@ exponential moving average over training.
   (`python -m benchmark.collect --help` says how): those are not the task's published demonstrations.
 - Augmentation: {augmentation}.
 - Training: {step} of {steps} steps of {batch_size} observations, seed {seed}, {precision} products on {device}.
-- Action units: 1 in the network is {units} (m or rad) in the numbers of an action, which lie between -1 and 1.
+- Action units: 1 in the network is {units}. Its numbers are clipped to ±1; an action comes out in these units.
 - Commit: {commit}.
 - Sampler: {sampler} with {sampling_steps} of {training_levels} noise levels, {prediction} prediction.
 

@@ -11,6 +11,7 @@ from benchmark.artifacts.alone import alone
 from benchmark.settings.command import SettingError, check_setting
 from benchmark.settings.config import WandbConfig
 from benchmark.settings.paths import check_folder
+from benchmark.settings.robot_config import SOURCE_IN_WORDS
 from benchmark.settings.task import chosen_task
 from benchmark.training.collection import collect, digest
 from benchmark.training.demonstration_recipe import CollectConfig
@@ -222,7 +223,7 @@ def _publish(
     shutil.copy(state / CURVE, partial)
     policy = pipeline.policy
     facts = {
-        "robot": demonstrations.meta.robot_type,
+        "robot": SOURCE_IN_WORDS,
         "dataset": demonstrations.meta.repo_id,
         "episodes": demonstrations.n_episodes,
         "frames": demonstrations.n_frames,
@@ -230,7 +231,9 @@ def _publish(
         "step": step,
         "augmentation": _augmentation(policy),
         "task": chosen_task(config.demonstrations.task).description,
-        "units": ", ".join(f"{unit:g}" for unit in policy.action_units),
+        "units": ", ".join(
+            f"{size:g} {unit}" for size, unit in zip(policy.action_units, policy.space.action.units, strict=True)
+        ),
         "environment": config.demonstrations.demonstrator.environment,
         "sampler": policy.noise_scheduler_type,
         "sampling_steps": policy.num_inference_steps,

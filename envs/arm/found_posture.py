@@ -13,7 +13,6 @@ from pkgutil import resolve_name
 import numpy as np
 import platformdirs
 from jaxtyping import Bool, Float, Int
-from scipy.cluster.hierarchy import fcluster, linkage
 
 from envs.arm.feasibility import followed
 from envs.arm.placed_arm import PlacedArm
@@ -87,6 +86,8 @@ def branch_postures(arm: PlacedArm, poses: TaskPoses) -> Float[np.ndarray, "n do
 
 def branches(joints: Float[np.ndarray, "n dof"]) -> Int[np.ndarray, " n"]:
     """Which branch each of some postures is of, by single linkage; full turns of a joint change nothing."""
+    from scipy.cluster.hierarchy import fcluster, linkage
+
     if len(joints) < 2:
         return np.ones(len(joints), dtype=int)
     i, j = np.triu_indices(len(joints), 1)

@@ -1,5 +1,6 @@
 """Placing an arm: from its description, a setting and what a task asks of it to a `PlacedArm`; the door of arms."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -49,16 +50,24 @@ def place_arm(
         self_collision: Whether its links collide with each other.
         orientation_weight: Of its inverse kinematics, in [m/rad].
         narrowed: Joints whose limits are narrower: number from 1 on, least and greatest angle in [rad], of each.
-        tool_length: From the flange down, in [m].
-        delay: How late a command comes, in [s].
+        tool_length: From the flange down, in [m], from 0.02 to 0.3.
+        delay: How late a command comes, in [s]: whole control steps, from 0 to 1.
 
     Raises:
         ValueError: If there is no such robot or setting, or the arm cannot do the task so.
     """
     if base is not None and len(base) != 3:
         raise ValueError(f"base is x, y, z in metres. Got {len(base)} numbers: {tuple(base)}")
-    if orientation_weight is not None and not orientation_weight > 0:
+    if base is not None and not all(map(math.isfinite, base)):
+        raise ValueError(f"base is three finite numbers. Got {tuple(base)}")
+    if yaw is not None and not math.isfinite(yaw):
+        raise ValueError(f"yaw must be a finite number of radians. Got {yaw}")
+    if orientation_weight is not None and not 0 < orientation_weight < math.inf:
         raise ValueError(f"orientation_weight must be above 0 m/rad. Got {orientation_weight}")
+    if not 0.02 <= tool_length <= 0.3:
+        raise ValueError(f"tool_length must lie between 0.02 and 0.3 m. Got {tool_length}")
+    if not (0 <= delay <= 1 and math.isclose(10 * delay, round(10 * delay), abs_tol=1e-9)):
+        raise ValueError(f"delay must be tenths of a second from 0 to 1. Got {delay}")
     description, file = _description_and_file(robot)
     given = {
         "base": base, "yaw": yaw, "branch": branch or poses.branch, "self_collision": self_collision,

@@ -4,6 +4,7 @@ No simulator: neither dynamics nor contact, but what an arm would touch on its w
 """
 
 from functools import cached_property
+from itertools import combinations, permutations
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -12,11 +13,15 @@ from envs.arm.placed_arm import PlacedArm
 from envs.press_buttons.motion import advance_all, advance_ideal, follow
 from envs.press_buttons.scene import PAIRS
 from envs.press_buttons.twin import KinematicTwin, ToolKinematics
-from envs.press_buttons.workspace import MAX_EPISODE_STEPS
+from envs.press_buttons.workspace import MAX_EPISODE_STEPS, TRAVEL
 from richmap.motion.kinematics import forward
 from richmap.task_spaces.press_buttons import BUTTONS, LAST, NORMAL, PLACE, PRESS_BUTTONS_SPACE, PRESSED, ROD
+from richmap.task_spaces.way import Way
 
 STATE = PRESS_BUTTONS_SPACE.state
+MOVED, TURNED = 0.004, 0.05
+"""By which buttons are slightly moved along each axis, in [m], and their normals turned, in [rad]: the standard
+deviations."""
 
 
 class PressModel:
@@ -74,6 +79,42 @@ class PressModel:
         for i in range(count // 2, count):
             hidden[i, :, PRESSED] = ~np.isin(np.arange(BUTTONS), pairs[i % len(pairs)])
         return hidden.reshape(count, -1)
+
+    def ways(self, environment: Float[np.ndarray, "32"]) -> list[Way]:
+        """Each two buttons, then each two in either order, of which the first alone is shown; or each other one once
+        one is pressed."""
+        buttons = environment.reshape(BUTTONS, -1)
+        pressed, found = buttons[:, PRESSED] > 0.5, []
+        open_ones, left = np.flatnonzero(~pressed).tolist(), 2 - int(pressed.sum())
+        wanted = [(goals, False) for goals in combinations(open_ones, left)] if left > 0 else []
+        wanted += [(goals, True) for goals in permutations(open_ones, left)] if left > 1 else []
+        for goals, in_order in wanted:
+            shown = np.zeros(buttons.shape, dtype=bool)
+            shown[:, PRESSED] = ~pressed & ~np.isin(np.arange(BUTTONS), goals[:1] if in_order else goals)
+            place, normal = buttons[list(goals), PLACE], buttons[list(goals), NORMAL]
+            found.append(Way(goals, in_order, shown.ravel(), place - TRAVEL * normal, -normal))
+        return found
+
+    def share(
+        self, joints: Float[np.ndarray, " dof"], environment: Float[np.ndarray, "32"], way: Way, tries: int
+    ) -> float:
+        """Of the expert's paths to one button, or to two in the way's order or either, those that end there and touch
+        nothing else; 1 where the tool goes where it is told."""
+        if self._twin is None:
+            return 1.0
+        buttons, (first, second) = environment.reshape(BUTTONS, -1), (way.goals[0], way.goals[-1])
+        may_touch = (*np.flatnonzero(buttons[:, PRESSED] > 0.5).tolist(), first, second)
+        orders, rng, done = {(first, second)}, np.random.default_rng(0), 0
+        orders |= set() if way.in_order else {(second, first)}
+        places, normals = buttons[:, PLACE].copy(), buttons[:, NORMAL].copy()
+        for _ in range(tries):
+            for order in orders:
+                path = self._twin.path(places, normals, *order, start=joints)
+                done += path is not None and not self._twin.touches(places, normals, path, may_touch)
+            places = buttons[:, PLACE] + rng.normal(0, MOVED, places.shape)
+            normals = buttons[:, NORMAL] + rng.normal(0, TURNED, normals.shape)
+            normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        return done / (tries * len(orders))
 
 
 class ImaginedPresses:

@@ -75,12 +75,14 @@ class KinematicTwin:
         first: int,
         second: int,
         steps: int = MAX_EPISODE_STEPS,
+        start: Float[np.ndarray, " dof"] | None = None,
     ) -> Float[np.ndarray, "n dof"] | None:
-        """Joint angles, in [rad], at the start and after each step of pressing a button and then another; None if the
-        arm cannot in so many steps."""
+        """Joint angles, in [rad], at the start and after each step of pressing a button and then another, or one alone
+        if both are it; None if the arm cannot in so many steps. It starts at the task's start, or elsewhere."""
         tool, joints = self._tool, np.empty((steps + 1, len(self._tool.start)))
+        start = tool.start if start is None else start
         made, pressed = play(
-            tool.frames, tool.lower, tool.upper, tool.weight, tool.start, places, normals, first, second, joints
+            tool.frames, tool.lower, tool.upper, tool.weight, start, places, normals, first, second, joints
         )
         return joints[: made + 1] if pressed else None
 

@@ -10,7 +10,6 @@ from typing import no_type_check
 import numba
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.stats import qmc
 
 from richmap.motion.collision import self_collision
 from richmap.motion.kinematics import joint_frames
@@ -39,6 +38,8 @@ once costs less than many checks."""
 
 def starting_configurations(robot: RobotDescription, n: int, seed: int) -> Float[np.ndarray, "n dof"]:
     """A scrambled Sobol sequence over the joint limits, in [rad]: its first starts are spread as evenly as all."""
+    from scipy.stats import qmc  # Takes half a second to load, and most processes need no start.
+
     sobol = qmc.Sobol(len(robot.joints), rng=np.random.default_rng(seed))
     unit = sobol.random_base2(int(np.ceil(np.log2(n))))[:n]
     return robot.lower + unit * (robot.upper - robot.lower)

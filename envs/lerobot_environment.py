@@ -1,4 +1,4 @@
-"""The task as an environment of LeRobot: `--env.type=guided_push --env.task=BlockPush-UR3-v0`."""
+"""The tasks as an environment of LeRobot: `--env.type=guided_push --env.task=BlockPush-UR3-v0`."""
 
 from dataclasses import dataclass, field
 
@@ -6,9 +6,10 @@ from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_IMAGE, OBS_STATE
 
-from envs import ENVIRONMENTS, MAX_EPISODE_STEPS
+from envs import ENVIRONMENTS, MAX_EPISODE_STEPS, MAX_PRESS_STEPS, PRESS_BUTTONS, PRESS_BUTTONS_ENVIRONMENTS
 from envs.arm.control import CONTROL_FREQUENCY
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
+from richmap.task_spaces.press_buttons import PRESS_BUTTONS_SPACE
 
 OBSERVED = {
     "environment_state_agent_pos": ("agent_pos", "environment_state"),
@@ -21,14 +22,16 @@ OBSERVED = {
 @EnvConfig.register_subclass("guided_push")
 @dataclass
 class GuidedPushEnvConfig(EnvConfig):
-    """Which arm pushes the blocks, and what binds it (`envs.arm.place_arm`)."""
+    """Which task, which arm, and what binds it (`envs.arm.place_arm`)."""
 
     task: str | None = ENVIRONMENTS["xarm6"]
-    """Gymnasium id, one of `envs.ENVIRONMENTS`, or `envs.BLOCK_PUSH` with `robot`."""
+    """Gymnasium id, one of `envs.ENVIRONMENTS` or `envs.PRESS_BUTTONS_ENVIRONMENTS`; or `envs.BLOCK_PUSH` or
+    `envs.PRESS_BUTTONS` with `robot`."""
     robot: str | None = None
     """Name of an arm that ships; None for the task's."""
     fps: int = CONTROL_FREQUENCY
-    episode_length: int = MAX_EPISODE_STEPS
+    episode_length: int | None = None
+    """Control steps after which an episode is cut off; None for the task's."""
     setting: str = "embodied"
     """`embodied` (joint limits and self-collision bind) or `original` (neither does)."""
     base: tuple[float, float, float] | None = None
@@ -43,11 +46,7 @@ class GuidedPushEnvConfig(EnvConfig):
     visualization_width: int = 480
     """Of the videos, in pixels; likewise the next."""
     visualization_height: int = 360
-    features: dict[str, PolicyFeature] = field(
-        default_factory=lambda: {
-            ACTION: PolicyFeature(type=FeatureType.ACTION, shape=(BLOCK_PUSH_SPACE.action.width,)),
-        }
-    )
+    features: dict[str, PolicyFeature] = field(default_factory=dict)
     features_map: dict[str, str] = field(
         default_factory=lambda: {
             ACTION: ACTION,
@@ -58,14 +57,19 @@ class GuidedPushEnvConfig(EnvConfig):
     )
 
     def __post_init__(self) -> None:
+        presses = self.task in (PRESS_BUTTONS, *PRESS_BUTTONS_ENVIRONMENTS.values())
+        space = PRESS_BUTTONS_SPACE if presses else BLOCK_PUSH_SPACE
+        if self.episode_length is None:
+            self.episode_length = MAX_PRESS_STEPS if presses else MAX_EPISODE_STEPS
         size = (self.observation_height, self.observation_width, 3)
         seen = {
-            "agent_pos": PolicyFeature(type=FeatureType.STATE, shape=(BLOCK_PUSH_SPACE.state.width,)),
-            "environment_state": PolicyFeature(type=FeatureType.ENV, shape=(BLOCK_PUSH_SPACE.environment.width,)),
+            "agent_pos": PolicyFeature(type=FeatureType.STATE, shape=(space.state.width,)),
+            "environment_state": PolicyFeature(type=FeatureType.ENV, shape=(space.environment.width,)),
             "pixels": PolicyFeature(type=FeatureType.VISUAL, shape=size),
         }
         if self.obs_type not in OBSERVED:
             raise ValueError(f"There is no env.obs_type {self.obs_type!r} for LeRobot. Types: {', '.join(OBSERVED)}")
+        self.features[ACTION] = PolicyFeature(type=FeatureType.ACTION, shape=(space.action.width,))
         self.features |= {name: seen[name] for name in OBSERVED[self.obs_type]}
 
     @property

@@ -1,0 +1,208 @@
+"""One number for each method on a suite, the share of head-room that it closes, and what has to be known beside it."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import trim_mean
+
+from benchmark.scoring.ceiling import PLAIN, PLANNER, Ceiling
+from benchmark.scoring.statistics import Crossed, clustered_difference, clustered_ratio
+from benchmark.settings.config import ConditionConfig
+from policies.methods import DIRECT, METHODS
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from envs.task import Task
+
+REFERENCES = (DIRECT, PLANNER, PLAIN)
+"""What methods are compared with, and has no rank."""
+
+FIRST = 3
+"""So many of the first have to stand in the same order on even and on odd scenes, or are called tied."""
+
+PAIR = ["checkpoint", "episode_seed"]
+
+
+def method_pairs(
+    tables: "Mapping[str, pd.DataFrame]",
+    conditions: Mapping[str, ConditionConfig],
+    ceilings: Mapping[str, Ceiling],
+    task: "Task",
+) -> "pd.DataFrame":
+    """Each row of a method beside direct transfer's of the same policy and scene.
+
+    Args:
+        tables: Rows of each condition (`benchmark.scoring.suite_table.by_condition`).
+        conditions: The suite's.
+        ceilings: Of its conditions, frozen.
+        task: What the rows are of.
+
+    Returns:
+        `method`, `lambda`, `condition`, `saturated`, `checkpoint`, `episode_seed`, the `score` that ranks, the `gain`
+        over direct transfer, and the `room` that the ceiling leaves above it, NaN where none is frozen for the scene;
+        `whole`, whether the method has all rows that direct transfer has on this condition.
+    """
+    import pandas as pd
+
+    name, parts = task.ranking[0], []
+    for condition, rows in ((condition, rows) for condition, rows in tables.items() if len(rows)):
+        few = rows[[*PAIR, "method", "lambda"]].assign(score=rows[name].astype(float))
+        direct = few[few.method == DIRECT].set_index(PAIR).score.rename("direct")
+        pairs = few.join(direct, on=PAIR, how="inner")
+        of_ceiling = ceilings[condition].on(sorted({*pairs.episode_seed})) if condition in ceilings else None
+        pairs["room"] = np.nan
+        if of_ceiling:
+            reached = pd.Series(of_ceiling.values, [of_ceiling.trainings, of_ceiling.episodes])
+            pairs["room"] = reached.reindex(pd.MultiIndex.from_frame(pairs[PAIR])).to_numpy() - pairs.direct
+        pairs["whole"] = pairs.groupby(["method", "lambda"]).score.transform("size") == len(direct)
+        about = {"condition": condition, "saturated": conditions[condition].saturated}
+        parts.append(pairs.assign(**about, gain=pairs.score - pairs.direct))
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
+
+
+def suite_ranking(pairs: "pd.DataFrame", counted: Sequence[str]) -> "pd.DataFrame":
+    r"""A row for each method and scale, the best first.
+
+    `share` is :math:`\sum (s - s_0) / \sum (c - s_0)` over the counted conditions, with the method's score s, direct
+    transfer's :math:`s_0` and the ceiling c, of the same policies on the same scenes; with its interval for other
+    trainings and scenes. Above 1 a method does better than the ceiling, which is of what there was when it was frozen.
+    Beside it: `middle`, the interquartile mean of the conditions' own shares (Agarwal et al., NeurIPS 2021); `gain`,
+    the mean of the numerator with its interval; `worst`, the least gain on a counted condition, and `harm`, that on a
+    saturated one, each with its condition, `worst_on` and `harm_on`; `better`, the chance that it does better than the
+    next one (`probability_of_improvement`); `rank`, and whether it is `tied` with the others of the first three.
+
+    A method that lacks rows of a counted condition has no figure of all of them, and no rank, as references have none.
+
+    Args:
+        pairs: As `method_pairs` gives them.
+        counted: Conditions that are not saturated: on validation scenes the ceiling is 15 points or more above direct
+            transfer.
+    """
+    import pandas as pd
+
+    shown, of_ranked = [], {}
+    for (method, scale), group in pairs.groupby(["method", "lambda"], sort=True):
+        of_room = group[group.condition.isin(counted)]
+        row = {"method": method, "lambda": scale} | _least(group[group.saturated], "harm") | _least(of_room, "worst")
+        share, middle, gain = (np.nan,) * 3, np.nan, (np.nan,) * 3
+        if counted and {*of_room.condition} == {*counted} and of_room.whole.all():
+            gain = clustered_difference(_crossed(of_room.groupby(PAIR).gain.mean()))
+            if of_room.room.notna().all():
+                sums = of_room.groupby(PAIR)[["gain", "room"]].sum()
+                share = clustered_ratio(_crossed(sums.gain), _crossed(sums.room))
+                by_condition = of_room.groupby("condition")[["gain", "room"]].sum()
+                middle = interquartile_mean((by_condition.gain / by_condition.room.where(lambda x: x > 0)).to_numpy())
+            if method not in REFERENCES:
+                of_ranked[method, scale] = of_room
+        for key, interval in (("share", share), ("gain", gain)):
+            row |= dict(zip((key, f"{key}_low", f"{key}_high"), interval, strict=True))
+        shown.append(row | {"middle": middle})
+    table = pd.DataFrame(shown).sort_values("gain", ascending=False, ignore_index=True, kind="stable")
+    return table.merge(_places(of_ranked), on=["method", "lambda"], how="left")
+
+
+def interquartile_mean(values: Float[np.ndarray, " n"]) -> float:
+    """Mean without the lowest and the highest quarter; what is no number is left out."""
+    there = values[np.isfinite(values)]
+    return float(trim_mean(there, 0.25)) if len(there) else np.nan
+
+
+def probability_of_improvement(x: "pd.DataFrame", y: "pd.DataFrame") -> float:
+    """Chance that a training does better with one method than a training does with another, mean over conditions.
+
+    As rliable defines it (Agarwal et al., NeurIPS 2021): of each condition the Mann-Whitney statistic of the trainings'
+    mean scores, divided by the number of pairs of trainings; equals count one half.
+
+    Args:
+        x: Rows of `method_pairs` of one method.
+        y: Those of another, on the same conditions.
+    """
+    means = [rows.groupby(["condition", "checkpoint"]).score.mean() for rows in (x, y)]
+    chances = []
+    for condition in {*x.condition}:
+        ones, others = (of.loc[condition].to_numpy() for of in means)
+        differences = np.round(np.subtract.outer(ones, others), 12)
+        chances.append((np.sign(differences) + 1).mean() / 2)
+    return float(np.mean(chances))
+
+
+def _places(ranked: "Mapping[tuple[str, float], pd.DataFrame]") -> "pd.DataFrame":
+    """Rank of each, chance of being better than the next, and whether halves of the scenes disagree on the first."""
+    import pandas as pd
+
+    every, even, odd = (_order(ranked, halves) for halves in ((0, 1), (0,), (1,)))
+    tied = even[:FIRST] != odd[:FIRST]
+    rows = [
+        {
+            "method": method,
+            "lambda": scale,
+            "rank": place + 1,
+            "tied": tied and place < FIRST,
+            "even": even.index((method, scale)) + 1,
+            "odd": odd.index((method, scale)) + 1,
+            "better": probability_of_improvement(ranked[method, scale], ranked[every[place + 1]])
+            if place + 1 < len(every)
+            else np.nan,
+        }
+        for place, (method, scale) in enumerate(every)
+    ]
+    return pd.DataFrame(rows, columns=["method", "lambda", "rank", "tied", "even", "odd", "better"])
+
+
+def _order(ranked: "Mapping[tuple[str, float], pd.DataFrame]", halves: tuple[int, ...]) -> list[tuple[str, float]]:
+    """The methods by their gain on scenes whose seed is even (0) or odd (1), or either."""
+    gains = {key: rows.gain[(rows.episode_seed % 2).isin(halves)].mean() for key, rows in ranked.items()}
+    return sorted(gains, key=lambda key: -gains[key])
+
+
+def _least(rows: "pd.DataFrame", name: str) -> dict[str, object]:
+    """The least mean gain on a condition, and on which."""
+    gains = rows.groupby("condition").gain.mean()
+    return {name: gains.min(), f"{name}_on": gains.idxmin()} if len(gains) else {name: np.nan, f"{name}_on": ""}
+
+
+def _crossed(values: "pd.Series") -> Crossed:
+    """Values with the index `PAIR`."""
+    checkpoints, seeds = (values.index.get_level_values(name) for name in PAIR)
+    return Crossed(values.to_numpy(float), checkpoints.to_numpy(str), seeds.to_numpy())
+
+
+def ranking_text(table: "pd.DataFrame") -> str:
+    """The ranking for people, in Markdown; percent and points. Empty if there is nothing but references."""
+    import pandas as pd
+
+    from benchmark.scoring.scores import difference_text, with_interval
+
+    table = table[~table.method.isin(REFERENCES)]
+    first, lines = min(FIRST, int(table["rank"].notna().sum())), []
+    for _, row in table.iterrows():
+        rank = "-" if pd.isna(row["rank"]) else f"1 to {first}, tied" if row.tied else f"{row['rank']:.0f}"
+        shares = ("-", "-") if pd.isna(row.share) else (with_interval(row, "share"), f"{100 * row.middle:.1f}")
+        lines.append(
+            {
+                "rank": rank,
+                "method": row.method,
+                "λ": f"{row['lambda']:g}",
+                "share of head-room closed": shares[0],
+                "interquartile mean": shares[1],
+                "mean gain": difference_text(row, "gain"),
+                "worst condition": _on(row, "worst"),
+                "largest loss where saturated": _on(row, "harm"),
+                "better than the next": "-" if pd.isna(row.better) else f"{row.better:.2f}",
+                "rank on even, odd scenes": "-" if pd.isna(row.even) else f"{row.even:.0f}, {row.odd:.0f}",
+                "needs": needs_text(row.method),
+            }
+        )
+    return pd.DataFrame(lines).to_markdown(index=False, disable_numparse=True) if lines else ""
+
+
+def needs_text(method: str) -> str:
+    """What a method has to be given."""
+    return (", ".join(METHODS[method].needs) or "nothing") if method in METHODS else "not stated"
+
+
+def _on(row: "pd.Series", name: str) -> str:
+    return "-" if np.isnan(row[name]) else f"{100 * row[name]:+.1f} ({row[f'{name}_on']})"
