@@ -108,6 +108,8 @@ class Task:
     """How the plain one gives demonstrations to learn from (`benchmark.collect`)."""
     model: Callable[[Any], Any] | None = None
     """What methods imagine episodes with on an arm (`policies.episode_model.EpisodeModel`): no simulator."""
+    controller: Callable[[Any], Any] | None = None
+    """An arm's own controller, as methods ask it (`policies.arm_controller.ArmController`): no simulator."""
     shows_pictures: bool = False
     """Whether `make` takes `picture`, so that policies that see pictures can be evaluated."""
     plan: tuple[str, ...] = ()

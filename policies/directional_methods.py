@@ -57,14 +57,12 @@ class PoseDescent(Guidance):
     def descent(
         self, actions: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
     ) -> Float[Tensor, "b t action"]:
-        with torch.inference_mode(False), torch.enable_grad():
-            free = actions.clone().requires_grad_()
-            poses = self.path.poses(free, state.clone())
-            at = self.cost.of_tensors(*poses)
-            slopes = (torch.as_tensor(each).to(free).view_as(poses[0]) for each in (at.position, at.direction))
-            along = sum((pose * slope).sum() for pose, slope in zip(poses, slopes, strict=True))
-            (gradient,) = torch.autograd.grad(along, free)
-        return self.scale * gradient
+        def slopes(points: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+            at = self.cost.of_tensors(points, directions)
+            position, direction = (torch.as_tensor(each).to(points) for each in (at.position, at.direction))
+            return position.view_as(points), direction.view_as(points)
+
+        return self.scale * self.path.pulled_back(self.path.poses, actions, state, slopes)
 
 
 @final

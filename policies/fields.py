@@ -14,6 +14,9 @@ MARGIN = 0.1
 """How far inside the border of what the arm can hold a cost begins, in [m]. A flange never is beyond that border, so
 a cost that began there would not be felt."""
 
+BARRIER = 0.02
+"""Depth inside that border over which the slope of a barrier falls to 1/e, in [m]: one cell of the field."""
+
 
 @runtime_checkable
 class Slope(Protocol):
@@ -103,6 +106,29 @@ class Infeasibility:
         distance, slope = self.distance.value_and_gradient(points)
         reached = np.maximum(0, 1 + distance / MARGIN)
         return MARGIN / 2 * reached**2, reached[:, None] * slope
+
+    def gradient(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """The slope alone."""
+        return self.value_and_gradient(points)[1]
+
+
+@dataclass(frozen=True)
+class Barrier:
+    r"""An exponential barrier before what the arm cannot hold: :math:`B = w \exp(d / w)`, in [m].
+
+    d is the signed distance to the border, below 0 inside, and w is `BARRIER`: the slope is next to nothing far inside
+    and 1 at the border. Beyond it the slope stays so, where an exponential would know no bounds.
+    """
+
+    distance: SignedDistanceField
+
+    def value_and_gradient(
+        self, points: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
+        """B in [m] and its slope, unitless."""
+        distance, slope = self.distance.value_and_gradient(points)
+        steepness = np.exp(np.minimum(0, distance) / BARRIER)
+        return BARRIER * steepness + np.maximum(0, distance), steepness[:, None] * slope
 
     def gradient(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """The slope alone."""

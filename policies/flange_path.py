@@ -1,5 +1,6 @@
 """Where a chunk of actions leads the flange, and what a slope there means for the actions."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +9,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from richmap.task_spaces.task_space import TaskSpace
+
+type Poses = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
+"""Positions and approach directions, each (b, t, 3), that a chunk commands."""
 
 
 @dataclass(frozen=True)
@@ -68,13 +72,43 @@ class FlangePath:
         self, actions: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
     ) -> tuple[Float[Tensor, "b t 3"], Float[Tensor, "b t 3"]]:
         """Flange positions in the world, in [m], and approach directions that a chunk commands; autograd can follow."""
+        points, directions = self.tool_poses(actions, state)
+        return points - self.space.steps.ahead * directions, directions
+
+    def tool_poses(
+        self, actions: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
+    ) -> tuple[Float[Tensor, "b t 3"], Float[Tensor, "b t 3"]]:
+        """The same with positions of what the actions move: the flange, or the tip ahead of it."""
         steps, directions = self.space.steps, self.turned(actions, state)
         like = {"dtype": actions.dtype, "device": actions.device}
         still = torch.as_tensor([x * (i not in steps.moved) for i, x in enumerate(steps.position)], **like)
         points = still + self.places(actions, state) @ torch.eye(3, **like)[steps.moved]
         if directions is None:
             directions = torch.as_tensor(steps.approach, **like).expand_as(points)
-        return points - steps.ahead * directions, directions
+        return points, directions
+
+    def pulled_back(
+        self,
+        poses: Poses,
+        actions: Float[Tensor, "b t action"],
+        state: Float[Tensor, "b state"],
+        slopes: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]],
+    ) -> Float[Tensor, "b t action"]:
+        """Slopes at the poses of a chunk, in positions and in directions, as one along its actions (chain rule).
+
+        Args:
+            poses: `poses` or `tool_poses`.
+            actions: The chunk.
+            state: The last `observation.state` of each row.
+            slopes: Of poses, slopes of the same shape.
+        """
+        with torch.inference_mode(False), torch.enable_grad():
+            free = actions.clone().requires_grad_()
+            reached = poses(free, state.clone())
+            found = slopes(*reached)
+            along = sum((pose * slope).sum() for pose, slope in zip(reached, found, strict=True))
+            (gradient,) = torch.autograd.grad(along, free)
+        return gradient
 
     def turns(self, actions: Float[Tensor, "*b action"]) -> Float[Tensor, "*b 3"]:
         """Rotation vectors of actions, in [rad]."""

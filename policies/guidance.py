@@ -14,7 +14,7 @@ given the noise of each row."""
 
 
 class Guidance(ABC):
-    """What a method may do to the sampling of a chunk of actions: six places to act, and word of new episodes.
+    """What a method may do to the sampling of a chunk of actions: places to act, and word of new episodes.
 
     An interface: a method says what it is made of (`__init__`) and takes the places that it needs. A place that it does
     not take leaves the policy alone there, as `Unguided` does everywhere.
@@ -29,6 +29,12 @@ class Guidance(ABC):
     """Chunks sampled for each observation; of several `choose` is asked for one."""
     looks_ahead: bool = False
     """Whether `descent` is asked at every denoising step."""
+    looks_at_noise: bool = False
+    """Whether `descent` is asked at the noisy actions, not at the clean ones that are predicted."""
+    settles: bool = False
+    """Whether `settle` is asked after every denoising step."""
+    repeats: int = 1
+    """How often the actions are denoised at each level of noise: all but the last time they are noised to it again."""
     field_kind: ClassVar[str] = "none"
     """Of a class that is run from a file: what it is made with, energy (of similarity to the source), feasibility
     (signed distance to the border of what the arm can hold, in m) or none."""
@@ -59,6 +65,36 @@ class Guidance(ABC):
     def descent(self, actions: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]) -> Tensor:
         """Slope, times the scale, that the predicted clean actions are to descend; per unit of each, of their shape."""
         return torch.zeros_like(actions)
+
+    def weight(self, alpha: Float[Tensor, ""], share: float) -> Float[Tensor, ""]:
+        r"""What `descent` is multiplied by before it is added to the predicted noise, at a level of noise.
+
+        Unless a method says otherwise as much as moves the predicted clean actions by the descent itself.
+
+        Args:
+            alpha: The schedule's :math:`\bar\alpha_t`, the clean actions' share of the variance there.
+            share: How far that is on the way to pure noise, from 0 to 1.
+        """
+        return (alpha / (1 - alpha)).sqrt()
+
+    def settle(
+        self,
+        actions: Float[Tensor, "b t action"],
+        clean: Callable[[], Tensor],
+        alpha: Float[Tensor, ""],
+        share: float,
+        state: Float[Tensor, "b state"],
+    ) -> Float[Tensor, "b t action"]:
+        """The actions that a denoising step leaves, as the next one takes them.
+
+        Args:
+            actions: Noisy ones; after the last step the chunk itself.
+            clean: Gives the clean ones that they are predicted to be, as the sampler clips them.
+            alpha: As in `weight`, of the noise that is left; 1 after the last step.
+            share: Likewise; 0 after the last step.
+            state: The last `observation.state` of each row.
+        """
+        return actions
 
     def choose(
         self, chunks: Float[Tensor, "b n t action"], state: Float[Tensor, "b state"]

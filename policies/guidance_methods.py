@@ -96,10 +96,12 @@ class Projection(Guidance):
     def project(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """The nearest allowed places, in [m], by Newton's method along the distance's slope, which is about one.
 
-        Where nothing lies that far inside, the innermost places are all that is found.
+        Where nothing lies that far inside, the innermost places are all that is found. Places beside the field count
+        as the nearest ones in it.
         """
         points = points.copy()
         first, last = np.array([axis[[0, -1]] for axis in self.distance.grid.axes()]).T
+        points[:, :2] = points[:, :2].clip(first[:2], last[:2])
         for _ in range(20):
             distance, slope = self.distance.value_and_gradient(points)
             excess = distance + self.inside

@@ -1,6 +1,5 @@
 """LeRobot's diffusion model with the trunk and the denoising head, and the places where guidance acts."""
 
-from collections.abc import Callable
 from importlib import import_module
 from types import ModuleType
 from typing import Any
@@ -70,12 +69,14 @@ class GuidedDiffusion(DiffusionModel):
         if noise is not None and samples > 1:
             noise = noise.unflatten(1, (samples, -1)).flatten(0, 1)
         states = state.repeat_interleave(samples, dim=0)
-        push = guidance.push(states)
-        descent = (lambda actions: guidance.descent(actions, states)) if guidance.looks_ahead else None
-        actions = self.conditional_sample(len(condition), condition, noise=noise, push=push, descent=descent)
+        actions = self.conditional_sample(len(condition), condition, noise=noise, guidance=guidance, state=states)
         chunks = (actions * self.units).unflatten(0, (-1, samples))
         chunk = guidance.correct(guidance.choose(chunks, state), state)
         return chunk[:, : self.config.n_action_steps]
+
+    def draws(self, repeats: int) -> int:
+        """Draws of noise for a chunk: the initial one, those of the steps if DDPM, then those of repeated steps."""
+        return (1 if self.eta == 0 else self.num_inference_steps) + self.num_inference_steps * (repeats - 1)
 
     def conditional_sample(
         self,
@@ -83,8 +84,8 @@ class GuidedDiffusion(DiffusionModel):
         global_cond: Float[Tensor, "b modulations"] | None = None,
         generator: torch.Generator | None = None,
         noise: Float[Tensor, "b ..."] | None = None,
-        push: Float[Tensor, "b action"] | None = None,
-        descent: Callable[[Tensor], Tensor] | None = None,
+        guidance: Guidance | None = None,
+        state: Float[Tensor, "b state"] | None = None,
     ) -> Float[Tensor, "b t action"]:
         """LeRobot's denoising loop, with what guidance does within it.
 
@@ -92,51 +93,96 @@ class GuidedDiffusion(DiffusionModel):
             batch_size: Rows.
             global_cond: What the trunk made of each row's observation.
             generator: Source of noise if `noise` is None.
-            noise: (b, draws, horizon, action): the initial noise, then that of each step but the last if DDPM.
-            push: Added to the predicted noise of every action of the chunk, in normalised action units.
-            descent: Of clean actions, the slope per unit that they are moved down at every step.
+            noise: (b, draws, horizon, action), in the order of `draws`.
+            guidance: What is done to it, if anything.
+            state: What guidance is told, the last `observation.state` of each row.
         """
+        guidance = guidance or Unguided()
         self.noise_scheduler.set_timesteps(self.num_inference_steps)
-        draws = 1 if self.eta == 0 else self.num_inference_steps
-        shape = (batch_size, draws, self.config.horizon, self.config.action_feature.shape[0])
+        chain, repeats = self.draws(1), guidance.repeats
+        shape = (batch_size, self.draws(repeats), self.config.horizon, self.config.action_feature.shape[0])
         if noise is None:
             noise = torch.randn(shape, generator=generator)
         noise = noise.to(global_cond).reshape(shape)
-        push = None if push is None else push[:, None]
-        sample = noise[:, 0]
-        for i, t in enumerate(self.noise_scheduler.timesteps):
-            level = torch.full((batch_size,), int(t), device=sample.device)
-            output = self.unet(sample, level, global_cond=global_cond)
-            if push is not None:
-                output = output + push
-            if descent is not None:
-                output = self._descended(output, sample, descent, int(t))
-            sample = self.noise_scheduler.step(
-                output,
-                int(t),
-                sample,
-                eta=self.eta,
-                use_clipped_model_output=self.eta > 0,
-                variance_noise=noise[:, (i + 1) % draws],  # The last step has no variance, so any will do.
-            ).prev_sample
+        push = None if state is None else guidance.push(state)
+        sample, levels = noise[:, 0], [int(t) for t in self.noise_scheduler.timesteps]
+        for i, t in enumerate(levels):
+            level = torch.full((batch_size,), t, device=sample.device)
+            for left in reversed(range(repeats)):
+                output = self.unet(sample, level, global_cond=global_cond)
+                if push is not None:
+                    output = output + push[:, None]
+                if state is not None and guidance.looks_ahead:
+                    output = self._descended(output, sample, t, guidance, state)
+                step = self.noise_scheduler.step(
+                    output,
+                    t,
+                    sample,
+                    eta=self.eta,
+                    use_clipped_model_output=self.eta > 0,
+                    variance_noise=noise[:, (i + 1) % chain],  # The last step has no variance, so any will do.
+                )
+                sample = step.prev_sample
+                if left:
+                    again = noise[:, chain + i * (repeats - 1) + left - 1]
+                    sample = self._noised(step.pred_original_sample, again, t)
+            if state is not None and guidance.settles:
+                following = levels[i + 1] if i + 1 < len(levels) else None
+                sample = self._settled(sample, following, guidance, state, global_cond)
         return sample
+
+    def _noised(
+        self, clean: Float[Tensor, "b t action"], noise: Float[Tensor, "b t action"], t: int
+    ) -> Float[Tensor, "b t action"]:
+        """Clean actions with the noise of a level (Ho et al., NeurIPS 2020, Eq. 4)."""
+        alpha = self.noise_scheduler.alphas_cumprod[t]
+        return alpha.sqrt() * clean + (1 - alpha).sqrt() * noise
 
     def _descended(
         self,
         output: Float[Tensor, "b t action"],
         sample: Float[Tensor, "b t action"],
-        descent: Callable[[Tensor], Tensor],
         t: int,
+        guidance: Guidance,
+        state: Float[Tensor, "b state"],
     ) -> Float[Tensor, "b t action"]:
-        """Predicted noise with the clean actions it stands for moved down the slope of what they lead to.
+        """Predicted noise with the slope of what the clean actions lead to that it stands for.
 
         The slope is taken at the actions as the sampler clips them; per normalised unit it is `action_units` times
         that per metre or radian.
         """
         alpha = self.noise_scheduler.alphas_cumprod[t]
-        clean = (sample - (1 - alpha).sqrt() * output) / alpha.sqrt()
-        step = self.units * descent(clean.clamp(-1, 1) * self.units)
-        return output + (alpha / (1 - alpha)).sqrt() * step
+        at = sample if guidance.looks_at_noise else self._clean(sample, output, t)
+        step = self.units * guidance.descent(at.clamp(-1, 1) * self.units, state)
+        return output + guidance.weight(alpha, t / self.config.num_train_timesteps) * step
+
+    def _clean(
+        self, sample: Float[Tensor, "b t action"], output: Float[Tensor, "b t action"], t: int
+    ) -> Float[Tensor, "b t action"]:
+        """The clean actions that predicted noise stands for (Song et al., ICLR 2021, Eq. 9)."""
+        alpha = self.noise_scheduler.alphas_cumprod[t]
+        return (sample - (1 - alpha).sqrt() * output) / alpha.sqrt()
+
+    def _settled(
+        self,
+        sample: Float[Tensor, "b t action"],
+        t: int | None,
+        guidance: Guidance,
+        state: Float[Tensor, "b state"],
+        condition: Float[Tensor, "b modulations"],
+    ) -> Float[Tensor, "b t action"]:
+        """What a denoising step leaves, at the level that comes next if any, as guidance has it go on."""
+        scheduler, actions = self.noise_scheduler, sample * self.units
+        alpha = scheduler.final_alpha_cumprod if t is None else scheduler.alphas_cumprod[t]
+
+        def clean() -> Tensor:
+            if t is None:
+                return actions
+            output = self.unet(sample, torch.full((len(sample),), t, device=sample.device), global_cond=condition)
+            return self._clean(sample, output, t).clamp(-1, 1) * self.units
+
+        settled = guidance.settle(actions, clean, alpha, (t or 0) / self.config.num_train_timesteps, state)
+        return torch.where(settled == actions, sample, settled / self.units)
 
     def compute_loss(self, batch: dict[str, Any]) -> Tensor:
         """Mean squared error of the predicted noise, over several noise levels per observation.

@@ -48,16 +48,24 @@ class Method:
     """Whether the scale is a whole number."""
     imagines: bool = False
     """Whether it needs a model of the task's episodes on the arm (`envs.task.Task.model`)."""
+    follows: bool = False
+    """Whether it needs the arm's own controller (`envs.task.Task.controller`)."""
     task: str | None = None
     """Name of the only task that it is for; None for any that its field is of."""
     also_needs: tuple[str, ...] = ()
     """What it has to be given besides its field and that model, such as `SIMULATOR`."""
 
     @property
+    def asks_the_arm(self) -> bool:
+        """Whether it needs more of the arm than a field: what a checkpoint alone does not bring."""
+        return self.imagines or self.follows
+
+    @property
     def needs(self) -> tuple[str, ...]:
         """What it has to be given besides the policy."""
         model = ("a model of the task",) if self.imagines else ()
-        return (*FIELD_NEEDS.get(self.field or "", ()), *self.also_needs, *model)
+        controller = ("arm's description",) if self.follows else ()
+        return (*FIELD_NEEDS.get(self.field or "", ()), *controller, *self.also_needs, *model)
 
     def refusal(self, space: "TaskSpace") -> str:
         """Why it cannot act in a task, in words; empty if it can."""
@@ -102,6 +110,11 @@ class Method:
                 f"Guidance {self.name!r} imagines episodes, with a model of the task on the arm. benchmark.run brings "
                 "one, and a checkpoint alone does not."
             )
+        if self.follows and given.controller is None:
+            raise ValueError(
+                f"Guidance {self.name!r} asks the arm's own controller. benchmark.run brings one, and a checkpoint "
+                "alone does not."
+            )
         if self.counts and (given.scale < 1 or given.scale != int(given.scale)):
             raise ValueError(f"The scale of {self.name!r} is a number of samples, 1 or more. Got {given.scale}.")
 
@@ -124,6 +137,9 @@ _SAMPLES = "number of chunks sampled, of which the best is taken"
 _PLANS = "number of episodes imagined at once"
 _ENOUGH = "merit from which on ways count as alike: 1 less what the pose at the worst goal costs, without a unit"
 _DESCENT = "descent of the normalised clean actions per unit of the cost's slope along the chunk"
+_IN_NOISE = "how much of the slope along the chunk is added to the noise, in normalised action units"
+_TRACKING = "descent of the actions, in m and rad, per unit of the tracking cost's slope, in m^2 and rad^2"
+_INSIDE = "how far inside the border the chunk is kept, in [m]"
 
 METHODS = {
     method.name: method
@@ -319,6 +335,90 @@ METHODS = {
             also_needs=("arm's description",),
         ),
         Method(
+            name="dynaguide_feasibility",
+            entry_point="policies.published_rules:dynaguide_feasibility",
+            text="DynaGuide's rule, by the slope of infeasibility",
+            field="feasibility",
+            scale=_IN_NOISE,
+            first=0.25,
+        ),
+        Method(
+            name="dynaguide_coverage",
+            entry_point="policies.published_rules:dynaguide_coverage",
+            text="DynaGuide's rule, by directions that the arm lacks",
+            field="coverage",
+            scale=_IN_NOISE,
+            first=0.25,
+        ),
+        Method(
+            name="itps_feasibility",
+            entry_point="policies.published_rules:itps_feasibility",
+            text="ITPS's rule, by the slope of infeasibility",
+            field="feasibility",
+            scale=_IN_NOISE,
+            first=0.25,
+        ),
+        Method(
+            name="itps_coverage",
+            entry_point="policies.published_rules:itps_coverage",
+            text="ITPS's rule, by directions that the arm lacks",
+            field="coverage",
+            scale=_IN_NOISE,
+            first=0.25,
+        ),
+        Method(
+            name="final_constraint",
+            entry_point="policies.published_rules:final_constraint",
+            text="DiRecT's rule: the clean chunk kept inside that border",
+            field="feasibility",
+            scale=_INSIDE,
+            first=0.000625,
+        ),
+        Method(
+            name="dpcc",
+            entry_point="policies.published_rules:dpcc",
+            text="DPCC's rule: noisy chunks kept inside that border",
+            field="feasibility",
+            scale=_INSIDE,
+            first=0.000625,
+        ),
+        Method(
+            name="codig",
+            entry_point="policies.published_rules:codig",
+            text="CoDiG's rule: a barrier before that border",
+            field="feasibility",
+            scale=_IN_NOISE,
+            first=0.25,
+        ),
+        Method(
+            name="gpc_rank",
+            entry_point="policies.tracking_methods:gpc_rank",
+            text="GPC-RANK's rule: the sample of which the arm's controller leaves least",
+            field=None,
+            scale=_SAMPLES,
+            first=2.0,
+            counts=True,
+            follows=True,
+        ),
+        Method(
+            name="gpc_opt",
+            entry_point="policies.tracking_methods:gpc_opt",
+            text="GPC-OPT's rule: a chunk down the slope of what the arm's controller leaves",
+            field=None,
+            scale=_TRACKING,
+            first=0.0009765625,
+            follows=True,
+        ),
+        Method(
+            name="eadp",
+            entry_point="policies.tracking_methods:eadp",
+            text="EADP's rule: noisy chunks down that slope",
+            field=None,
+            scale=_TRACKING,
+            first=0.0078125,
+            follows=True,
+        ),
+        Method(
             name="plan_by_map",
             entry_point="policies.plan_choice:plan_by_map",
             text="of several imagined episodes the one that the arm's map covers best",
@@ -364,8 +464,8 @@ METHODS = {
 """In the order in which they are told apart."""
 GUIDED = tuple(name for name in METHODS if name != DIRECT)
 """Those that do something."""
-SWEPT = tuple(name for name in GUIDED if not METHODS[name].imagines)
-"""Of these, those that need no model of the task's episodes: what is swept unless others are named."""
+SWEPT = tuple(name for name in GUIDED if not METHODS[name].asks_the_arm)
+"""Of these, those that a field is enough for: what is swept unless others are named."""
 
 
 def said_of_each(what: str) -> str:

@@ -68,7 +68,7 @@ class GuidedPushPolicy(DiffusionPolicy):
     @property
     def noise_shape(self) -> tuple[int, ...]:
         """Shape of the noise of one row's chunk: (draws, horizon, action), the draws of several samples in a row."""
-        draws = 1 if self.config.noise_scheduler_type == "DDIM" else self.diffusion.num_inference_steps
+        draws = self.diffusion.draws(self.guidance.repeats)
         return (self.guidance.samples * draws, self.config.horizon, self.config.action_feature.shape[0])
 
     @torch.no_grad()

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from policies.arm_controller import ArmController
 from policies.episode_model import EpisodeModel
 from richmap.similarity.load_field import StoredField
 from richmap.task_spaces.task_space import TaskSpace
@@ -23,3 +24,5 @@ class Setup:
     """The task's numbers, and what its actions do to the flange."""
     model: EpisodeModel | None = None
     """What episodes on the arm are imagined with, if the method does so."""
+    controller: ArmController | None = None
+    """The arm's own controller, if the method asks it."""

@@ -1,7 +1,6 @@
 """The policy as LeRobot sees it: sampling, guidance, noise, saving and loading."""
 
 import json
-from functools import partial
 
 import numpy as np
 import pytest
@@ -269,7 +268,7 @@ def test_a_descent_moves_the_clean_actions_by_the_chain_rule(batch):
     sample, output = torch.randn(2, ROWS, 4, 2, generator=generator)
     guidance, state = made("chunk", 2.0, slope(0.3, -0.2), (0.0, 0.0), 0), batch["observation.state"][:, -1]
     for t in (90, 50, 0):
-        descended = model._descended(output, sample, partial(guidance.descent, state=state), t)
+        descended = model._descended(output, sample, t, guidance, state)
         step = model.noise_scheduler.step
         moved = step(descended, t, sample).pred_original_sample - step(output, t, sample).pred_original_sample
         steps_left = torch.tensor([4.0, 3.0, 2.0, 1.0])[:, None]  # The first action moves all four places.
@@ -287,7 +286,8 @@ def test_a_method_from_the_config_is_that_method_in_code_and_repeats(name, batch
     coded = make_policy(noise_scheduler_type=sampler)
     coded.guidance = made(name, scale, field, (0.02, 0.0), 7)
     noise = noise_for(coded)
-    assert noise.shape[1] == (3 if METHODS[name].counts else 1) * (10 if sampler == "DDPM" else 1)
+    steps, repeated = 10 if sampler == "DDPM" else 1, 10 * (coded.guidance.repeats - 1)
+    assert noise.shape[1] == (3 if METHODS[name].counts else 1) * (steps + repeated)
     actions = coded.predict_action_chunk(batch, noise)
     assert torch.equal(configured.predict_action_chunk(batch, noise), actions)
     others = {key: torch.cat([value[:1], value[1:].flip(0) + 0.05]) for key, value in batch.items()}

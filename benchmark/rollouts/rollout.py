@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from benchmark.rollouts.stock_policy import StockPolicy
     from envs.arm.placed_arm import PlacedArm
+    from policies.arm_controller import ArmController
     from policies.episode_model import EpisodeModel
     from policies.modeling_guided_push import GuidedPushPolicy
 
@@ -170,7 +171,7 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
     config = checked_config(rollout.checkpoint, rollout.shapes)
     config.device = rollout.condition.device
     method, scale = METHODS.get(rollout.condition.method), rollout.condition.guidance_scale
-    if method is not None and not method.imagines:
+    if method is not None and not method.asks_the_arm:
         config.guidance, config.guidance_scale = method.name, scale
     config.guidance_base = rollout.arm.base[:2]
     config.guidance_seed = max(0, rollout.condition.training_seed)
@@ -178,10 +179,12 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
     config.noise_scheduler_type = rollout.condition.sampler
     config.num_inference_steps = rollout.condition.sampling_steps
     policy = checked_policy(rollout.checkpoint, config)
-    if method is not None and method.imagines:
+    if method is not None and method.asks_the_arm:
         field = None if rollout.field is None else load_field(rollout.field)
+        model = _model(rollout) if method.imagines else None
+        controller = _controller(rollout) if method.follows else None
         policy.guidance = method.make(
-            Setup(scale, field, config.guidance_base, config.guidance_seed, config.space, _model(rollout))
+            Setup(scale, field, config.guidance_base, config.guidance_seed, config.space, model, controller)
         )
     if rollout.guidance is not None:
         policy.guidance = rollout.guidance.make(
@@ -206,6 +209,20 @@ def _model(rollout: Rollout) -> "EpisodeModel":
             "with. Choose another method."
         )
     return rollout.task.model(rollout.arm)
+
+
+def _controller(rollout: Rollout) -> "ArmController":
+    """What says where commands lead the arm.
+
+    Raises:
+        SettingError: If the task has none.
+    """
+    if rollout.task.controller is None:
+        raise SettingError(
+            f"method={rollout.condition.method} asks the arm's own controller, and {rollout.task.name} says of none. "
+            "Choose another method."
+        )
+    return rollout.task.controller(rollout.arm)
 
 
 def _environment(rollout: Rollout, slot: int, render: bool) -> gymnasium.Env:

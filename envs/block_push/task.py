@@ -47,6 +47,13 @@ def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
     return lambda info: _acting_on_dict(AwareOracle(table, info["mode"]))
 
 
+def controller(arm: Any) -> Any:
+    """`envs.block_push.controller.PushController`."""
+    from envs.block_push.controller import PushController
+
+    return PushController(arm)
+
+
 def demonstrate(asked: EpisodeRequest) -> list[Step]:
     """`envs.block_push.demonstrator.play`."""
     from envs.block_push.demonstrator import play
@@ -110,6 +117,7 @@ BLOCK_PUSH = Task(
         episodes=1000,
         play=demonstrate,
     ),
+    controller=controller,
     shows_pictures=True,
     plan=("first_block", "first_target"),
     traits=(

@@ -56,6 +56,13 @@ def model(arm: Any) -> Any:
     return PressModel(arm)
 
 
+def controller(arm: Any) -> Any:
+    """`envs.press_buttons.controller.PressController`."""
+    from envs.press_buttons.controller import PressController
+
+    return PressController(arm)
+
+
 def demonstrate(asked: EpisodeRequest) -> list[Step]:
     """`envs.press_buttons.demonstrator.play`."""
     from envs.press_buttons.demonstrator import play
@@ -110,6 +117,7 @@ PRESS_BUTTONS = Task(
     plain_oracle=plain_oracle,
     aware_oracle=aware_oracle,
     model=model,
+    controller=controller,
     demonstrator=Demonstrator(
         PRESS_BUTTONS_ENVIRONMENTS["xarm6"],
         kinds=(("noise", 0.2), ("bursts", 0.4), ("shown", 0.2)),

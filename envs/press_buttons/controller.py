@@ -1,0 +1,47 @@
+"""An arm's controller in pressing buttons, without dynamics: its inverse kinematics, a step at a time."""
+
+import numpy as np
+from jaxtyping import Float
+
+from envs.arm.placed_arm import PlacedArm
+from envs.press_buttons import motion
+from envs.press_buttons.model import PressModel
+from envs.press_buttons.twin import ToolKinematics
+from richmap.motion.kinematics import forward
+
+
+class PressController:
+    """What the environment's controller makes of commands (`policies.arm_controller.ArmController`).
+
+    Args:
+        arm: The arm, as it stands.
+    """
+
+    def __init__(self, arm: PlacedArm) -> None:
+        self._tool, self._model = ToolKinematics(arm), PressModel(arm)
+        self.weight = self._tool.weight
+
+    def start(self) -> Float[np.ndarray, " dof"]:
+        """Joint angles at the start of an episode, in [rad]."""
+        return self._tool.start
+
+    def track(self, joints: Float[np.ndarray, " dof"], state: Float[np.ndarray, "12"]) -> Float[np.ndarray, " dof"]:
+        """Where the joints are now, in [rad], by where the tool is seen and where they were a step ago."""
+        return self._model.track(joints, state)
+
+    def follow(
+        self,
+        joints: Float[np.ndarray, "n dof"],
+        places: Float[np.ndarray, "n t 3"],
+        directions: Float[np.ndarray, "n t 3"],
+    ) -> tuple[Float[np.ndarray, "n t 3"], Float[np.ndarray, "n t 3"]]:
+        """Where the tip gets, in [m], and where the rod points, by commands one after another."""
+        tool, got, pointing = self._tool, np.empty_like(places), np.empty_like(directions)
+        rotation, turned, work = np.zeros((3, 3)), np.empty((3, 3)), np.empty((4 * joints.shape[1] + 16, 6))
+        for i, q in enumerate(joints.copy()):
+            for k in range(places.shape[1]):
+                command = places[i, k].copy(), directions[i, k].copy()
+                motion.follow(tool.frames, tool.lower, tool.upper, tool.weight, q, *command, rotation, work)
+                forward(tool.frames, q, got[i, k], turned)
+                pointing[i, k] = turned[:, 2]
+        return got, pointing
