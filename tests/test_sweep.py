@@ -31,6 +31,7 @@ from benchmark.sweeps.chosen_players import rollouts_of
 from benchmark.sweeps.job import guides_source, job_name
 from benchmark.sweeps.sweep import count_jobs
 from richmap.robots.robots import load_robot
+from tests.reach_point import save_policy
 
 pytestmark = pytest.mark.system
 
@@ -143,17 +144,15 @@ def cache(tmp_path_factory):
         yield folder
 
 
-def small(folder):
-    """Settings of a small sweep."""
-    settings = ["robot=ur3", "setting=original", "lambda=0,0.5", "batch_size=2", "device=cpu", f"output_dir={folder}"]
-    settings += [f"map.{name}={value}" for name, value in COARSE.items()]
-    return [*settings, f"hydra.sweep.dir={folder / 'sweep'}"]
+SMALL = ["setting=original", "lambda=0,0.5", *(f"map.{name}={value}" for name, value in COARSE.items())]
+"""Settings of a small sweep of block pushing."""
 
 
 def sweep(folder, *arguments):
-    """Start a small sweep as from a terminal of its own."""
+    """Start a sweep as from a terminal of its own."""
+    own = [f"output_dir={folder}", f"hydra.sweep.dir={folder / 'sweep'}"]
+    command = [sys.executable, "-m", "benchmark.run", "-m", "robot=ur3", "batch_size=2", "device=cpu", *own, *arguments]
     with open(folder / "log.txt", "a") as log:
-        command = [sys.executable, "-m", "benchmark.run", "-m", *small(folder), *arguments]
         return subprocess.Popen(command, cwd=ROOT, start_new_session=True, stdout=log, stderr=log)
 
 
@@ -177,13 +176,13 @@ def swept(cache, tmp_path_factory):
     shutil.copytree(checkpoint_folder(42), folder / "good")
     shutil.copytree(checkpoint_folder(42), folder / "bad")
     (folder / "bad" / "model.safetensors").write_bytes(b"no weights")
-    arguments = ["episodes=4", f"policy={folder / 'bad'},{folder / 'good'}"]
+    arguments = [*SMALL, "episodes=4", "workers=1", f"policy={folder / 'bad'},{folder / 'good'}"]
     running = sweep(folder, *arguments)
     when_stored(folder, running)
     os.killpg(running.pid, signal.SIGKILL)
     running.wait()
     before = read_episodes(folder)
-    status = sweep(folder, *arguments, "workers=1").wait(timeout=900)
+    status = sweep(folder, *arguments).wait(timeout=900)
     return read_episodes(folder), before, (status, (folder / "log.txt").read_text()), folder
 
 
@@ -206,11 +205,12 @@ def test_a_failed_job_leaves_its_reason_and_stops_no_other(swept):
     assert "The same command goes on" in last
 
 
-def test_a_killed_worker_ends_a_sweep_and_sigterm_ends_its_workers(swept, tmp_path):
-    *_, folder = swept
+def test_a_killed_worker_ends_a_sweep_and_sigterm_ends_its_workers(tmp_path):
+    """Of the toy task, whose episodes are short."""
+    toy = ["task=tests.reach_point:REACH_POINT", f"policy={save_policy(tmp_path / 'seed42-1', 0.5)}", "lambda=0"]
     kill, ask = (lambda pid: os.kill(children(pid)[0], signal.SIGKILL)), (lambda pid: os.kill(pid, signal.SIGTERM))
     for end, status in ((kill, 1), (ask, 143)):
-        running = sweep(tmp_path, "episodes=400", f"policy={folder / 'good'}")
+        running = sweep(tmp_path, *toy, "episodes=20000")
         when_stored(tmp_path, running)
         workers = children(running.pid)
         assert workers
@@ -228,7 +228,7 @@ def test_a_cluster_s_jobs_store_the_same_rows_and_are_logged(swept, cache, tmp_p
     # A folder of all jobs is there before the first: submitit makes a folder of each too late for it on a busy machine.
     jobs = ["hydra/launcher=submitit_local", f"hydra.launcher.submitit_folder={tmp_path / 'jobs'}"]
     wandb = ["wandb.mode=offline", f"wandb.folder={tmp_path}", "wandb.group=mine"]
-    ended = sweep(tmp_path, "episodes=2", f"policy={folder / 'good'}", *jobs, *wandb).wait(timeout=900)
+    ended = sweep(tmp_path, *SMALL, "episodes=2", f"policy={folder / 'good'}", *jobs, *wandb).wait(timeout=900)
     assert ended == 0, (tmp_path / "log.txt").read_text()
     columns, first = ["lambda", "episode_seed", "p2", "length"], rows[rows.episode_seed < rows.episode_seed.min() + 2]
     again, before = (table[columns].sort_values(columns).to_numpy() for table in (read_episodes(tmp_path), first))

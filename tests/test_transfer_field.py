@@ -1,4 +1,4 @@
-"""The field of a UR3 against the xArm6, from real maps, as far as they are full after a minute."""
+"""The field of a UR3 against the xArm6, from real maps, as far as they are full after some seconds."""
 
 import numpy as np
 import pytest
@@ -21,21 +21,15 @@ RADIAL_SLOPE = {
 """dE/dR in [1/m], mean over R to R + .05 m, of an independent implementation with convex hulls."""
 
 
-@pytest.fixture(scope="module")
-def maps(tmp_path_factory):
-    grid = Grid.around_base(cell_size=0.05, half_width=1.0, z_offset=0.2)
-    built = {}
+@pytest.fixture
+def field(tmp_path):
+    """Of one test, so that one worker makes the maps. Directions are farther apart than the paper's: as many do."""
+    grid, built = Grid.around_base(cell_size=0.05, half_width=1.0, z_offset=0.2), {}
     for name in ("xarm6", "ur3"):
         robot = load_robot(name)
-        settings = Construction(name, robot.fingerprint, 0.1, seed=0, draw=4096, turns=128, stop_rate=0.05, target=0)
-        built[name] = build_map(robot, grid, settings, tmp_path_factory.mktemp(name), workers=1)
-    return built
-
-
-@pytest.fixture(scope="module")
-def field(maps):
-    grid = compare_maps(maps["xarm6"], maps["ur3"])
-    return EnergyField.from_similarity(grid, EnergySettings(), {})
+        settings = Construction(name, robot.fingerprint, 0.2, seed=0, draw=2048, turns=64, stop_rate=0.05, target=0)
+        built[name] = build_map(robot, grid, settings, tmp_path / name, workers=1)
+    return EnergyField.from_similarity(compare_maps(built["xarm6"], built["ur3"]), EnergySettings(), {})
 
 
 def ring(radius):
@@ -45,25 +39,12 @@ def ring(radius):
     return BLOCK_PUSH_SPACE.steps.positions(outward[:, :2] * r.reshape(-1, 1)), outward
 
 
-@pytest.mark.parametrize("radius", RADIAL_SLOPE)
-def test_the_radial_slope_is_that_of_an_independent_implementation(field, radius):
-    points, outward = ring(radius)
-    _, gradient = field.value_and_gradient(points)
-    expected = RADIAL_SLOPE[radius]
-    assert abs((gradient * outward).sum(1).mean() - expected) < min(0.035, 0.015 + 0.25 * abs(expected))
-
-
-def test_the_field_is_radial_because_the_arms_turn_about_the_vertical(field):
-    points, outward = ring(0.5)
-    _, gradient = field.value_and_gradient(points)
-    radial = (gradient * outward).sum(1)
-    tangential = np.cross(outward, gradient)[:, 2]
-    assert np.abs(tangential).mean() < 0.1 * np.abs(radial).mean()
-
-
-def test_full_cells_keep_their_directions_theta_apart(maps):
-    robot_map = maps["ur3"]
-    for cell in np.argsort(np.diff(robot_map.start))[-20:]:
-        v = robot_map.directions[robot_map.start[cell] : robot_map.start[cell + 1]].astype(float)
-        cosine = v @ v.T - 2 * np.eye(len(v))
-        assert np.arccos(cosine.max()) >= 0.1 - 1e-4
+def test_its_slope_is_radial_and_that_of_an_independent_implementation(field):
+    """Radial because the arms turn about the vertical."""
+    for radius, expected in RADIAL_SLOPE.items():
+        points, outward = ring(radius)
+        _, gradient = field.value_and_gradient(points)
+        radial = (gradient * outward).sum(1)
+        assert abs(radial.mean() - expected) < min(0.035, 0.015 + 0.25 * abs(expected)), radius
+        if radius == 0.5:
+            assert np.abs(np.cross(outward, gradient)[:, 2]).mean() < 0.1 * np.abs(radial).mean()
