@@ -45,7 +45,8 @@ class BoundingSpheres:
     def around(
         cls, robot: RobotDescription, model: pinocchio.Model, links: tuple[str, ...], cube: float = COARSE
     ) -> "BoundingSpheres":
-        """Spheres for cubes of this edge, in [m], around links that move, which are in order from base to flange."""
+        """Spheres for cubes of this edge, in [m], around links that move."""
+        links = tuple(sorted(links, key=lambda link: robot.depth[link]))
         centres, radii = [], []
         for link in links:
             frame = model.frames[model.getFrameId(link)]
