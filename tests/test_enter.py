@@ -60,7 +60,7 @@ def settings(entry, output, **values):
 
 @pytest.fixture(scope="module")
 def entry(tmp_path_factory):
-    """One that changes nothing, so that its episodes are short."""
+    """One that changes nothing."""
     return write_entry(tmp_path_factory.mktemp("entry") / "mine", name="mine", scale=1.0, field="feasibility")
 
 
@@ -93,15 +93,16 @@ def test_an_entry_does_not_hold_its_own_episodes(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def entered(entry, tmp_path_factory):
+def entered(cut_short, entry, tmp_path_factory):
     output = tmp_path_factory.mktemp("entries")
-    enter.main(settings(entry, output))
+    with cut_short(20):
+        enter.main(settings(entry, output))
     return output
 
 
-def test_an_entry_with_a_guidance_class_is_evaluated_and_its_rows_are_accepted(entry, entered, capsys):
+def test_an_entry_with_a_guidance_class_is_evaluated_and_its_rows_are_accepted(brief, entry, entered, capsys):
     table = read_checked(entered / "mine", BLOCK_PUSH)
-    assert sorted(table.episode_seed) == SEEDS and table.p2.all()
+    assert sorted(table.episode_seed) == SEEDS and (table.length == 20).all()
     assert {*table.method} == {"mine"} and {*table.checkpoint} == {"seed42-1"} and (table.cell_size == 0.02).all()
     assert {*table.entry_hash} == {Entry.load(entry).files_hash}
     assert (entered / "mine" / "entry.yaml").read_text() == (entry / "entry.yaml").read_text()
@@ -176,10 +177,10 @@ def test_two_rows_of_one_episode_that_say_different_things_are_refused(entry, en
         enter.main(settings(entry, tmp_path, table=file))
 
 
-def test_an_edited_number_is_refused(entry, entered, tmp_path, capsys):
+def test_an_edited_number_is_refused(brief, entry, entered, tmp_path, capsys):
     with pytest.raises(SystemExit, match="1"):
-        enter.main(settings(entry, tmp_path, table=sent(entered, tmp_path, edit(1, success_at_end=False))))
-    assert re.search("Refused: .*episode 150001, replayed: success_at_end is False, not True", capsys.readouterr().out)
+        enter.main(settings(entry, tmp_path, table=sent(entered, tmp_path, edit(1, length=19))))
+    assert re.search("Refused: .*episode 150001, replayed: length is 19, not 20", capsys.readouterr().out)
 
 
 def test_a_damaged_table_is_refused(entry, entered, tmp_path):
@@ -338,7 +339,7 @@ def test_a_policy_of_lerobots_is_an_entry(brief, untrained, tmp_path):
     assert (row["method"], row["checkpoint"], row["sampler"], row["length"]) == ("theirs", "weights", "DDPM", 20)
 
 
-def test_a_policy_of_our_type_is_an_entry_and_is_left_as_it_is(entry, entered, tmp_path):
+def test_a_policy_of_our_type_is_an_entry_and_is_left_as_it_is(brief, entry, entered, tmp_path):
     own = write_entry(tmp_path / "own", name="own", policy="weights", guidance="")
     shutil.copytree(checkpoint_folder(42), own / "weights")
     enter.main(settings(own, tmp_path / "out", episodes=1))

@@ -153,7 +153,7 @@ def test_a_curve_has_a_point_for_each_lambda_over_all_policies(transfer_episodes
 
 
 @needs_egl
-def test_the_first_episode_is_logged_as_a_video(evaluated, tmp_path, offline_runs):
+def test_the_first_episode_is_logged_as_a_video(brief, evaluated, tmp_path, offline_runs):
     config, rollout, episodes = evaluated
     config.wandb.video = True
     log_evaluation(config, rollout, episodes[episodes.episode_seed == 100_009], "a sweep")

@@ -33,7 +33,7 @@ def test_a_map_is_built_once_asked_saved_and_compared(tmp_path, monkeypatch, cap
 
 
 @pytest.mark.system
-def test_a_policy_is_evaluated_and_compared_scene_by_scene(tmp_path):
+def test_a_policy_is_evaluated_and_compared_scene_by_scene(brief, tmp_path):
     common = {"robot": "xarm6", "episodes": 2, "batch_size": 2, "workers": 1, "device": "cpu", "output_dir": tmp_path}
     direct = benchmark.evaluate("seed42-1", **common)
     pushed = benchmark.evaluate("seed42-1", method="towards", scale=0.1, **common)

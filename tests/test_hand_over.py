@@ -85,12 +85,12 @@ def test_the_planner_brings_a_block_to_where_the_policy_can_push_it(guidance):
     assert (chunk == 0.01).all() and np.hypot(*block[:2]) < np.hypot(*FAR[:2])
 
 
-def test_an_episode_does_not_know_what_was_before_it(field):
+def test_an_episode_does_not_know_what_was_before_it(field, guidance):
     def planned(guidance):
         effector, real = tool(BESIDE), scene((0.28, 0.19, 1.6), (0.49, -0.24, 1.2))
         return [act(guidance, real, effector)[1] for _ in range(3)]
 
-    fresh, used = (GuidanceClass(FOLDER / "guidance.py", "HandOver").make(0.0025, field, (0.0, 0.0), 0) for _ in "ab")
+    fresh, used = GuidanceClass(FOLDER / "guidance.py", "HandOver").make(0.0025, field, (0.0, 0.0), 0), guidance
     for place in (BESIDE, (0.4, -0.35), (0.44, -0.3)):
         act(used, scene((0.28, 0.19, 1.6), FAR), tool(place))
     used.reset([0])

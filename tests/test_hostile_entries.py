@@ -121,7 +121,7 @@ def test_a_process_that_says_of_itself_what_cannot_be_is_not_believed(tmp_path):
             of.attributes()
 
 
-def test_what_was_finished_before_is_kept(tmp_path):
+def test_what_was_finished_before_is_kept(brief, tmp_path):
     stranger(tmp_path, "return chunk if self.begun < 2 else os._exit(5)")
     (tmp_path / "entry.yaml").write_text("name: late\nauthor: A\ndescription: B\nguidance: theirs.py:Theirs\nscale: 1")
     few = {"robots": ["xarm6"], "seeds": [42], "episodes": 2, "batch_size": 1, "workers": 1, "device": "cpu"}

@@ -1,7 +1,6 @@
 """A policy that sees pictures, as LeRobot saves it: data sets with video, our rollouts, and lerobot-eval."""
 
 import json
-import subprocess
 import sys
 
 import numpy as np
@@ -77,7 +76,7 @@ def test_a_picture_is_what_lerobot_makes_of_it():
     assert torch.equal(torch.from_numpy(_channels_first(picture))[None], theirs)
 
 
-def test_it_is_evaluated_and_its_rows_replay(sighted, tmp_path):
+def test_it_is_evaluated_and_its_rows_replay(brief, sighted, tmp_path):
     rows = benchmark.evaluate(sighted, "ur3", episodes=2, output_dir=tmp_path, batch_size=2, workers=1, device="cpu")
     assert list(rows.checkpoint) == ["sighted"] * 2 and list(rows.method) == ["direct"] * 2
     row = rows.iloc[1].to_dict()
@@ -122,11 +121,18 @@ def test_pictures_that_are_not_drawn_are_refused(sighted, tmp_path, features):
         )
 
 
-def test_lerobot_eval_runs_it(sighted, tmp_path):
-    command = f"""-m lerobot.scripts.lerobot_eval --policy.path={sighted} --policy.device=cpu --env.type=guided_push
+@pytest.mark.filterwarnings("ignore")  # LeRobot's own.
+def test_lerobot_eval_runs_it(sighted, tmp_path, monkeypatch):
+    """In this process; `tests.test_lerobot_agreement` starts the command."""
+    from lerobot.scripts.lerobot_eval import eval_main
+
+    import envs.lerobot_environment  # noqa: F401
+
+    command = f"""lerobot-eval --policy.path={sighted} --policy.device=cpu --env.type=guided_push
         --env.task=BlockPush-UR3-v0 --env.obs_type=pixels_agent_pos --env.observation_width={SIZE}
         --env.observation_height={SIZE} --env.episode_length=5 --eval.n_episodes=1 --eval.batch_size=1
         --eval.use_async_envs=false --seed=50000 --output_dir={tmp_path / "eval"}"""
-    subprocess.run([sys.executable, *command.split()], check=True, capture_output=True)
+    monkeypatch.setattr(sys, "argv", command.split())
+    eval_main()
     (film,) = (tmp_path / "eval").rglob("*.mp4")
     assert film.stat().st_size > 1000

@@ -33,7 +33,7 @@ def configured(method, output, **values):
 
 def test_a_class_is_run_at_a_scale_and_at_its_own_and_keeps_each_rows(brief, tmp_path, capsys):
     method, output = documented(tmp_path), tmp_path / "out"
-    for scale in (0.9, None, 0.9):
+    for scale in (0.9, None):
         run.main(configured(method, output, guidance_scale=scale))
     rows = read_episodes(output)
     assert rows[["method", "lambda"]].to_numpy().tolist() == [["direct", 0.0], ["slower", 0.5], ["slower", 0.9]]

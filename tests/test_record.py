@@ -38,7 +38,7 @@ def test_an_episode_is_recorded_as_a_worker_plays_it_whatever_the_number_of_thre
 
 
 @needs_egl
-def test_a_demonstration_is_drawn_with_a_caption_under_it(tmp_path, capsys):
+def test_a_demonstration_is_drawn_with_a_caption_under_it(quick_films, tmp_path, capsys):
     main(RecordConfig(demonstration=0, output_dir=str(tmp_path)))
     with Image.open(tmp_path / "demonstration-0.webp") as picture:
         assert picture.width == 480 and picture.height > 360 and picture.n_frames > 20

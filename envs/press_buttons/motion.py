@@ -121,7 +121,8 @@ def follow(frames, lower, upper, weight, q, tip, approach, rotation, work):
     in [m] and [rad]."""
     least, most = np.maximum(lower, q - JOINT_STEP), np.minimum(upper, q + JOINT_STEP)
     rotation[:, 2] = approach
-    return descend(frames, least, most, q, tip, rotation, True, weight, ITERATIONS, PRECISION, PRECISION, work)
+    free, steps = np.bool_(True), np.int64(ITERATIONS)
+    return descend(frames, least, most, q, tip, rotation, free, weight, steps, PRECISION, PRECISION, work)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -184,8 +185,9 @@ def lead(tip, approach, places, normals, last, goal, action):
 def advance(frames, lower, upper, weight, q, tip, approach, measured, pointing, places, normals, pressed, action, work):
     """A control step of an arm that is always where its inverse kinematics says: all but the first four, the buttons
     and the action changes in place. Gives the last button that this step pressed, or -1."""
-    n, last = len(q), -1
-    scratch, rotation, turned = work[: 4 * n + 16], work[4 * n + 16 : 4 * n + 19, :3], work[4 * n + 19 : 4 * n + 22, :3]
+    n, last = len(q), np.int64(-1)
+    scratch, rows = work[: 4 * n + 16], work[4 * n + 16 :].reshape(-1)
+    rotation, turned = rows[:9].reshape(3, 3), rows[9:18].reshape(3, 3)
     move(tip, approach, action)
     keep_near(tip, approach, measured, pointing)
     follow(frames, lower, upper, weight, q, tip, approach, rotation, scratch)
@@ -244,7 +246,7 @@ def play(frames, lower, upper, weight, start, places, normals, first, second, jo
     forward(frames, q, measured, turned)
     pointing = turned[:, 2].copy()
     tip, approach = measured.copy(), pointing.copy()
-    last, lost = -1, 0
+    last, lost = np.int64(-1), 0
     for k in range(1, len(joints)):
         lead(tip, approach, places, normals, last, second if pressed[first] else first, action)
         new = advance(

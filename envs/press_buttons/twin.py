@@ -81,6 +81,7 @@ class KinematicTwin:
         if both are it; None if the arm cannot in so many steps. It starts at the task's start, or elsewhere."""
         tool, joints = self._tool, np.empty((steps + 1, len(self._tool.start)))
         start = tool.start if start is None else start
+        places, normals = places.copy(), normals.copy()  # Loops are compiled anew for arrays that cannot be written to.
         made, pressed = play(
             tool.frames, tool.lower, tool.upper, tool.weight, start, places, normals, first, second, joints
         )

@@ -66,3 +66,10 @@ def _first_without_length_1(directions):
             if not abs(x * x + y * y + z * z - 1) < TOLERANCE:
                 return i
     return -1
+
+
+def read_only(array: np.ndarray) -> np.ndarray:
+    """A view that cannot be written to, as arrays of a file are: Numba compiles a loop anew for each of the two."""
+    view = array.view()
+    view.flags.writeable = False
+    return view

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
 from richmap.files import reading, save_arrays
-from richmap.geometry.checked_poses import checked_poses
+from richmap.geometry.checked_poses import checked_poses, read_only
 from richmap.geometry.direction_blocks import runs_within
 from richmap.geometry.directions import WARP, bin_corners
 from richmap.geometry.grid import Grid
@@ -102,7 +102,7 @@ class CoverageBitmap:
         slot[cells] = np.arange(len(cells), dtype=np.int32)
         covered, undecided = (_large_pages(len(cells), 6 * bins_per_edge**2 // 8) for _ in range(2))
         tiles = _tiles_around(bins_per_edge, theta)
-        _paint(start[cells], start[cells + 1], directions, bins_per_edge, tiles, theta, covered, undecided)
+        _paint(start[cells], start[cells + 1], read_only(directions), bins_per_edge, tiles, theta, covered, undecided)
         return cls(grid, theta, bins_per_edge, slot, covered, undecided)
 
     def reachable(
@@ -162,7 +162,7 @@ class CoverageBitmap:
 
     @property
     def _bits(self) -> Bits:
-        return Bits(self.slot, self.covered, self.open, self.bins_per_edge)
+        return Bits(read_only(self.slot), read_only(self.covered), read_only(self.open), self.bins_per_edge)
 
 
 def _large_pages(rows: int, width: int) -> UInt[np.ndarray, "rows width"]:

@@ -7,7 +7,7 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
-from richmap.geometry.checked_poses import checked_poses
+from richmap.geometry.checked_poses import checked_poses, read_only
 from richmap.geometry.direction_blocks import (
     BINS_PER_EDGE,
     BLOCKS,
@@ -77,7 +77,7 @@ class DirectionIndex:
             raise ValueError(
                 f"A cell holds {count.max()} directions; the index takes up to 65535. Take a larger theta."
             )
-        cells = np.flatnonzero(count)
+        directions, cells = read_only(directions), np.flatnonzero(count)
         slot = np.full(grid.n_cells, EMPTY, dtype=np.int32)
         slot[cells] = np.arange(len(cells), dtype=np.int32)
         first, last = start[cells], start[cells + 1]
@@ -85,7 +85,7 @@ class DirectionIndex:
         rows = np.empty(0, dtype=np.int32)
         if not in_order.all():
             rows = _sort_by_block(first, last, directions, offsets)
-            directions = directions[rows]
+            directions = read_only(directions[rows])
         return cls(grid, slot, first, offsets, directions, rows)
 
     def nearest(

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
 from richmap.files import check_robot, reading, save_arrays
-from richmap.geometry.checked_poses import checked_poses
+from richmap.geometry.checked_poses import checked_poses, read_only
 from richmap.geometry.grid import Grid
 from richmap.geometry.roll import FULL_CIRCLE, roll_about
 from richmap.maps.direction_index import DirectionIndex
@@ -94,6 +94,10 @@ class ReachabilityMap:
     rolls_tracked: bool
     """Whether all rolls but the gaps are known to be reached (`sampling.roll_gap`)."""
     construction: Construction
+
+    def __post_init__(self) -> None:
+        for name, array in self._arrays().items():
+            object.__setattr__(self, name, read_only(array))
 
     @classmethod
     def from_rows(

@@ -193,14 +193,14 @@ def _search(frames, lower, upper, starts, positions, rotations, free_roll, loose
     `next_start` says which start to begin with; it becomes the one after the last that was used.
     """
     work = np.empty((4 * starts.shape[1] + 16, 6))
-    q = np.empty(starts.shape[1])
+    q, steps = np.empty(starts.shape[1]), np.int64(ITERATIONS)
     for i in range(len(positions)):
         p, r, count = positions[i], rotations[i], 0
         while next_start[i] < len(starts) and count < found.shape[1]:
             q[:] = starts[next_start[i]]
             next_start[i] += 1
             off, angle = descend(
-                frames, lower, upper, q, p, r, free_roll, LEVER, ITERATIONS, POSITION_TOLERANCE, ANGLE_TOLERANCE, work
+                frames, lower, upper, q, p, r, free_roll, LEVER, steps, POSITION_TOLERANCE, ANGLE_TOLERANCE, work
             )
             reached = off <= POSITION_TOLERANCE and angle <= ANGLE_TOLERANCE
             if loose > 0 and not reached:
@@ -233,6 +233,7 @@ def _polish(frames, lower, upper, q, position, rotation, free_roll, loose, off, 
     A sum a + b of lengths is least where a^2 / s + b^2 / (1 - s) is, for s = a / (a + b): squares weighted anew in
     each round.
     """
+    steps = np.int64(12)
     for _ in range(4):
         total = 1e3 * off + np.degrees(angle)
         if total <= loose or total > 4 * loose:
@@ -240,8 +241,9 @@ def _polish(frames, lower, upper, q, position, rotation, free_roll, loose, off, 
         share = min(max(1e3 * off / total, 0.05), 0.95)
         lever = np.degrees(1e-3) * np.sqrt(share / (1 - share))
         off, angle = descend(
-            frames, lower, upper, q, position, rotation, free_roll, lever, 12, POSITION_TOLERANCE, ANGLE_TOLERANCE, work
-        )
+            frames, lower, upper, q, position, rotation, free_roll, lever, steps, POSITION_TOLERANCE, ANGLE_TOLERANCE,
+            work,
+        )  # fmt: skip
     return off, angle
 
 
@@ -251,13 +253,15 @@ def descend(frames, lower, upper, q, position, rotation, free_roll, lever, itera
     """Levenberg-Marquardt steps on `q`, in place, until the errors of position in [m] and of angle in [rad] are small
     enough; returns them.
 
+    Numba compiles it anew for each literal among its arguments: hand on variables.
+
     Nakamura & Hanafusa (1986), with joints held at a limit that the step would cross left out of it, and the damping
     of Marquardt: less after a step that brings the flange nearer, more after one that does not.
     """
     n = len(q)
     jacobian, tried = work[:n], work[n : 2 * n]
     a = work[2 * n : 2 * n + 6]
-    e, e_tried, y, trial = work[2 * n + 6], work[2 * n + 7], work[2 * n + 8], work[3 * n + 10 : 4 * n + 10, 0]
+    e, e_tried, y, trial = work[2 * n + 6], work[2 * n + 7], work[2 * n + 8], work[3 * n + 10 :].reshape(-1)[:n]
     off, angle = _errors(frames, q, position, rotation, free_roll, lever, jacobian, e)
     cost = _square(e)
     damping, slow, refused = min(0.05, cost), 0, 0  # Nearly Newton steps from a start that is near.

@@ -107,7 +107,7 @@ def _follow(frames, lower, upper, start, positions, rotations, free_roll, joints
     n = len(start)
     work = np.empty((4 * n + 16, 6))
     q, least, most, trial = start.copy(), np.empty(n), np.empty(n), np.empty(n)
-    missed, turns = 0, 0
+    missed, turns, steps = 0, 0, np.int64(ITERATIONS)
     for i in range(len(positions)):
         far = min(FARTHEST * (missed + 1), FARTHEST_AFTER)
         reached = False
@@ -121,7 +121,7 @@ def _follow(frames, lower, upper, start, positions, rotations, free_roll, joints
             if not possible:
                 continue
             off, angle = descend(
-                frames, least, most, trial, positions[i], rotations[i], free_roll, LEVER, ITERATIONS, PRECISION,
+                frames, least, most, trial, positions[i], rotations[i], free_roll, LEVER, steps, PRECISION,
                 PRECISION, work,
             )  # fmt: skip
             reached = off <= POSITION_TOLERANCE and angle <= ANGLE_TOLERANCE
