@@ -40,6 +40,7 @@ def main(config: CeilingsConfig) -> None:
     import pandas as pd
 
     from benchmark.artifacts.commit import commit
+    from benchmark.episodes.arm import suite_arms
     from benchmark.episodes.table import read_tables
     from benchmark.scoring.ceiling import PLAIN, PLANNER, ceiling, ceilings_file, save_ceilings
     from benchmark.scoring.scores import with_interval
@@ -57,7 +58,7 @@ def main(config: CeilingsConfig) -> None:
     present = rows.episode_version == rows.setting.map(task.episode_version)
     rows = rows[rows.episode_seed.isin(scenes) & rows.method.isin([PLANNER, PLAIN, *config.methods]) & present]
     made, lines = {}, []
-    for name, of_condition in by_condition(rows, suite_conditions(config.suite), task).items():
+    for name, of_condition in by_condition(rows, suite_arms(suite_conditions(config.suite), task)).items():
         try:
             made[name] = ceiling(of_condition, task.success)
         except SettingError as error:

@@ -13,6 +13,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from benchmark.episodes.arm import chosen_arm
 from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.sent_rows import nearest, otherwise, refusals
 from benchmark.scoring.ranking import Protocol, protocols_of
@@ -137,14 +138,18 @@ def main(config: EnterConfig) -> None:
     console = Console()
     runs = [config.run(robot, setting) for setting in config.settings for robot in config.robots]
     entries = [entry.at(scale) for scale in config.scale] or [entry]
-    rollouts = [each.rollout(run, path, console) for each in entries for run in runs for path in checkpoints]
+    task = chosen_task(config.task)
+    arms = [(run, chosen_arm(run, task)) for run in runs]
+    rollouts = [
+        each.rollout(run, task, arm, path, console) for each in entries for run, arm in arms for path in checkpoints
+    ]
     if config.table:
         check(config, rollouts, console)
         return
     run = replace(runs[0], output_dir=str(Path(config.output_dir, entry.about.name)))
     made = evaluate(entry, rollouts, run, console)
     direct = direct_transfer(config, runs, console)
-    show_results(pd.concat([made, direct], ignore_index=True), rollouts[0].task, Path(run.output_dir))
+    show_results(pd.concat([made, direct], ignore_index=True), task, Path(run.output_dir))
 
 
 def direct_transfer(config: EnterConfig, runs: "Sequence[RunConfig]", console: "Console") -> "pd.DataFrame":

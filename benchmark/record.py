@@ -15,7 +15,6 @@ from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.config import ORACLE_METHODS, RunConfig
 from benchmark.settings.replay_config import ReplayConfig
 from benchmark.settings.robot_config import SOURCE
-from benchmark.sweeps.chosen_players import rollouts_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -59,7 +58,11 @@ def main(config: RecordConfig) -> None:
     elif config.row or config.failed:
         _draw_rows(config, console)
     else:
-        rollout = rollouts_of(config, console)[-1]
+        from benchmark.artifacts.known_policies import chosen_checkpoint
+        from benchmark.rollouts.make_rollout import set_stage
+        from benchmark.sweeps.chosen_players import rollouts_of
+
+        rollout = rollouts_of([set_stage(config, chosen_checkpoint(config), console)])[-1]
         for seed in range(config.seed_start, config.seed_start + config.episodes):
             _draw(rollout, seed, config, console)
 

@@ -6,7 +6,6 @@ python -m benchmark.replay table=results/entries/mine entry=mine random=20
 
 import sys
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -99,10 +98,12 @@ def again(row: Mapping[str, Any], config: ReplayConfig, console: "Console") -> "
 
 def row_oracle(row: Mapping[str, Any], config: ReplayConfig) -> "ArmOracle":
     """The scripted oracle of a row."""
+    from benchmark.episodes.arm import chosen_arm
     from benchmark.sweeps.chosen_players import oracle_of
 
-    check_version(row, chosen_task(config.task))
-    oracle = oracle_of(replace(row_settings(row, config, guided=False), method=row["method"], guidance_scale=0.0))
+    task = chosen_task(config.task)
+    check_version(row, task)
+    oracle = oracle_of(row["method"], task, chosen_arm(row_settings(row, config, guided=False), task))
     check_arm(row, oracle.arm)
     return oracle
 

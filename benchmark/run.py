@@ -7,46 +7,51 @@ python -m benchmark.run -m experiment=transfer
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from benchmark.settings.command import run_command
 from benchmark.settings.config import RunConfig
+from benchmark.settings.scenes import FIRST_TEST_SEED
 from benchmark.settings.task import chosen_task
 from benchmark.sweeps.job import run_job
 from benchmark.sweeps.sweep import end_sweep
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 def main(config: RunConfig) -> None:
     """Roll out at lambda and at 0 on the same episodes, store every episode, and print the comparison."""
+    import pandas as pd
     from rich.console import Console
 
+    from benchmark.episodes.arm import chosen_arms
     from benchmark.rollouts.missing_episodes import play_and_store
+    from benchmark.scoring.ceiling import ceilings_file, read_ceilings
+    from benchmark.scoring.report import print_report
+    from benchmark.scoring.suite_table import show_suite
     from benchmark.sweeps.chosen_players import chosen_players
-    from benchmark.sweeps.chosen_scale import note_on_tuning
     from benchmark.sweeps.experiment_log import log_run
 
     console = Console()
     if note := note_on_tuning(config):
         console.print(note)
-    players = chosen_players(config, console)
+    task = chosen_task(config.task)
+    arms = chosen_arms(config, task)
+    players = chosen_players(config, task, arms.values(), console)
     tables = play_and_store(players, config, console)
-    _show(config, tables)
+    if config.conditions:
+        rows, ceilings = pd.concat(tables, ignore_index=True), read_ceilings(ceilings_file(config.suite))
+        show_suite(config.suite, config.conditions, arms, rows, ceilings, task)
+    else:
+        print_report(task, tables, Path(config.output_dir))
     log_run(config, players, tables)
 
 
-def _show(config: RunConfig, tables: "list[pd.DataFrame]") -> None:
-    import pandas as pd
-
-    from benchmark.scoring.report import print_report
-    from benchmark.scoring.suite_table import show_suite
-
-    if config.conditions:
-        show_suite(config.suite, config.conditions, pd.concat(tables, ignore_index=True), chosen_task(config.task))
-    else:
-        print_report(chosen_task(config.task), tables, Path(config.output_dir))
+def note_on_tuning(config: RunConfig) -> str:
+    """What there is to say where a scale that was not chosen on validation episodes meets test episodes; or nothing."""
+    if config.seed_start + config.episodes <= FIRST_TEST_SEED or not config.guidance_scale:
+        return ""
+    return (
+        f"These are test scenes, and lambda={config.guidance_scale:g} is given, not chosen: choose scales on "
+        "validation scenes (benchmark.choose_scales), and take what was chosen by lambda=null."
+    )
 
 
 if __name__ == "__main__":

@@ -47,7 +47,9 @@ class ShowConfig:
 def main(config: ShowConfig) -> None:
     """Print method, scale and arm with the score that ranks and the paired difference to direct transfer, and draw it;
     or, with eval_info=, write the episodes as LeRobot does."""
+    from benchmark.episodes.arm import suite_arms
     from benchmark.episodes.table import read_present
+    from benchmark.scoring.ceiling import ceilings_file, read_ceilings
     from benchmark.scoring.eval_info import write_eval_infos
     from benchmark.scoring.own_results import show_results
     from benchmark.scoring.suite_table import show_suite
@@ -61,8 +63,9 @@ def main(config: ShowConfig) -> None:
             print(file)
         return
     if config.suite:
-        ceilings = Path(config.ceilings) if config.ceilings else None
-        show_suite(config.suite, suite_conditions(config.suite), episodes, task, ceilings)
+        conditions = suite_conditions(config.suite)
+        ceilings = read_ceilings(Path(config.ceilings) if config.ceilings else ceilings_file(config.suite))
+        show_suite(config.suite, conditions, suite_arms(conditions, task), episodes, ceilings, task)
         return
     show_results(
         episodes, task, Path(config.output_dir) if config.output_dir else path if path.is_dir() else path.parent

@@ -101,7 +101,7 @@ ARM = """<robot name="mini"><link name="foot"/>
 def mine(tmp_path, more):
     (tmp_path / "mini.urdf").write_text(ARM)
     (tmp_path / "mini.yaml").write_text(f"file: mini.urdf\nbase: foot\n{more}")
-    return RobotFile.read(tmp_path / "mini.yaml").description()
+    return RobotFile.read(tmp_path / "mini.yaml").description
 
 
 def test_what_a_file_puts_right(tmp_path):

@@ -19,6 +19,7 @@ from benchmark import enter
 from benchmark.artifacts import known_policies
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.enter import EnterConfig
+from benchmark.episodes.arm import chosen_arm
 from benchmark.episodes.checked_rows import read_checked
 from benchmark.episodes.episode import Episode, as_frame
 from benchmark.episodes.parts import parts_in, write_part
@@ -355,7 +356,9 @@ def test_a_policy_of_our_type_samples_as_it_was_saved_and_is_not_guided_twice(tm
     saved = json.loads(file.read_text()) | {"noise_scheduler_type": "DDPM", "num_inference_steps": 7}
     file.write_text(json.dumps(saved))
     config, (checkpoint,) = settings(own, tmp_path), Entry.load(own).checkpoints([], "block_push")
-    condition = Entry.load(own).rollout(config.run("xarm6", "embodied"), checkpoint, Console(quiet=True)).condition
+    run = config.run("xarm6", "embodied")
+    arm = chosen_arm(run, BLOCK_PUSH)
+    condition = Entry.load(own).rollout(run, BLOCK_PUSH, arm, checkpoint, Console(quiet=True)).condition
     assert (condition.sampler, condition.sampling_steps) == ("DDPM", 7)
     file.write_text(json.dumps(saved | {"guidance_scale": 0.5}))
     with pytest.raises(SettingError, match="policy=weights is saved with guidance of its own .guidance_scale=0.5"):

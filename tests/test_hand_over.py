@@ -8,11 +8,13 @@ import torch
 from rich.console import Console
 
 from benchmark.artifacts.known_policies import checkpoint_folder
+from benchmark.episodes.arm import chosen_arm
 from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.settings.config import RunConfig
 from benchmark.settings.robot_config import RobotConfig
 from envs.block_push.pushing import push
+from envs.block_push.task import BLOCK_PUSH
 from richmap.similarity.signed_distance import SignedDistanceField
 
 pytestmark = pytest.mark.system
@@ -100,6 +102,6 @@ def test_an_episode_does_not_know_what_was_before_it(field, guidance):
 def test_on_a_ur3_it_places_both_where_the_policy_alone_fails():
     seed, console = 50101, Console(quiet=True)
     run = RunConfig(robot=RobotConfig("ur3"), setting="embodied", batch_size=1, device="cpu")
-    rollout = Entry.load(FOLDER).rollout(run, checkpoint_folder(42), console)
+    rollout = Entry.load(FOLDER).rollout(run, BLOCK_PUSH, chosen_arm(run, BLOCK_PUSH), checkpoint_folder(42), console)
     (episode,) = rollout.play([seed])
     assert episode.outcome.p2

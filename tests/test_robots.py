@@ -63,7 +63,7 @@ def test_somebodys_arm_is_a_file_beside_its_model(tmp_path):
     (tmp_path / "lever.urdf").write_text(ONE_JOINT)
     file = tmp_path / "mine.yaml"
     file.write_text("{file: lever.urdf, base: foot, end_effector: lever, licence: MIT}")
-    robot = RobotFile.read(file).description()
+    robot = RobotFile.read(file).description
     assert (robot.name, robot.joints, robot.licence) == ("mine", ("turn",), "MIT")
     assert robot.upper == pytest.approx([np.pi])
 

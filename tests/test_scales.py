@@ -8,12 +8,12 @@ from PIL import Image
 from benchmark import choose_scales, scales
 from benchmark.rollouts import arm_oracle, missing_episodes
 from benchmark.scoring.scale_table import scale_table
+from benchmark.settings.chosen_scales import read_scales, scales_file
 from benchmark.settings.command import SettingError
 from benchmark.settings.robot_config import RobotConfig
 from benchmark.settings.suite import suite_conditions
 from benchmark.sweeps import scale_choice
-from benchmark.sweeps.chosen_scale import read_methods, read_scales, scales_file
-from benchmark.sweeps.scale_sweep import ScalesConfig
+from benchmark.sweeps.scale_sweep import ScalesConfig, read_methods
 from envs.block_push.task import BLOCK_PUSH
 from policies.methods import GUIDED, METHODS, MOST_SAMPLES
 from tests.made_up_episodes import CONDITION, episode
@@ -139,12 +139,12 @@ def test_a_scale_is_chosen_over_all_conditions_within_the_budget(simulated, tmp_
     choose_scales.main(config)
     assert config.episodes == 2 and {seed for _, _, seed in simulated} == {51_000, 51_001}
     assert len(simulated) <= 40 and {run[:2] for run in simulated} >= {("direct", 0.0), ("towards", 0.1)}
-    chosen = read_scales(scales_file(str(tmp_path), BLOCK_PUSH))["towards"]
+    chosen = read_scales(scales_file(str(tmp_path), BLOCK_PUSH.name))["towards"]
     assert chosen["scale"] == 0 and chosen["tried"][0.05] == 1 and chosen["tried"][0.1] == 0  # Nothing gains: off.
     before = len(simulated)
     choose_scales.main(scale_choice.ChooseScalesConfig(**given | {"methods": ["away"]}))
     assert not [run for run in simulated[before:] if run[0] == "direct"]  # Those of off are shared.
-    assert {*read_scales(scales_file(str(tmp_path), BLOCK_PUSH))} == {"away", "towards"}
+    assert {*read_scales(scales_file(str(tmp_path), BLOCK_PUSH.name))} == {"away", "towards"}
 
 
 def test_scales_are_chosen_on_validation_episodes_only():

@@ -13,10 +13,10 @@ from envs.arm.inverse_kinematics import InverseKinematics
 from richmap.geometry.grid import Grid
 from richmap.maps.insertion import Inserter
 from richmap.motion.collision import SelfCollision, self_collision
-from richmap.motion.kinematics import flange_frames
+from richmap.motion.kinematics import flange_frames, way_about_z
 from richmap.motion.kinematics_check import check_kinematics
 from richmap.motion.remarks import grid_remark, remarks
-from richmap.motion.sampling import sample_workspace, way_about_z
+from richmap.motion.sampling import sample_workspace
 from richmap.physics.convex_parts import fit_convex_parts
 from richmap.physics.mujoco_model import arm_spec
 from richmap.robots.custom import custom_robot

@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from benchmark import show
-from benchmark.episodes.arm import arm_columns
+from benchmark.episodes.arm import arm_columns, chosen_arms, suite_arms
 from benchmark.scoring.ceiling import Ceiling, ceiling, cross_validated, read_ceilings, save_ceilings
 from benchmark.scoring.statistics import Crossed, clustered_ratio
 from benchmark.scoring.suite_ranking import (
@@ -16,14 +16,15 @@ from benchmark.scoring.suite_ranking import (
     method_pairs,
     probability_of_improvement,
     ranking_text,
+    remarks,
     suite_ranking,
 )
-from benchmark.scoring.suite_table import by_condition, remarks, show_suite, suite_table, suite_text
+from benchmark.scoring.suite_table import by_condition, show_suite, suite_table, suite_text
 from benchmark.settings.config import ConditionConfig, OracleConfig, RunConfig
 from benchmark.settings.robot_config import ArmConfig
 from benchmark.settings.scenes import PAPER, SEALED, TABLES, VALIDATION
 from benchmark.settings.setting import SettingError
-from benchmark.settings.suite import SUITES, suite_conditions, suite_runs, suite_task
+from benchmark.settings.suite import SUITES, suite_conditions
 from benchmark.studies.suite_candidates import verdict
 from benchmark.sweeps.chosen_players import chosen_players
 from envs.block_push.arm import block_push_arm
@@ -51,18 +52,16 @@ def test_sealed_scenes_are_refused(first, count):
 def test_a_suite_has_conditions_that_differ(suite):
     conditions = suite_conditions(suite)
     assert len({repr((each.robot, each.setting, each.arm)) for each in conditions.values()}) == len(conditions) >= 8
-    runs = suite_runs(RunConfig(method="direct", suite=suite, task=suite_task(suite), conditions=conditions))
-    assert [*runs] == [*conditions] and all(run.arm == conditions[name].arm for name, run in runs.items())
 
 
 def test_whoever_is_asked_for_plays_on_every_condition():
     few = {name: suite_conditions("push-v1")[name] for name in ("ur3-near-8cm", "ur10-out")}
     for method, scale in (("plain_oracle", 0.0), ("direct", 0.0)):
         asked = RunConfig(method=method, guidance_scale=scale, seeds=[42], suite="push-v1", conditions=few)
-        played = [player.condition for player in chosen_players(asked, Console(quiet=True))]
+        arms = chosen_arms(asked, BLOCK_PUSH)
+        played = [each.condition for each in chosen_players(asked, BLOCK_PUSH, arms.values(), Console(quiet=True))]
+        assert [*arms] == [*few]
         assert [(each.robot, each.method) for each in played] == [("ur3", method), ("ur10", method)]
-    asked = RunConfig(method=f"{__file__}:Mine", suite="push-v1", conditions=few)
-    assert {run.method for run in suite_runs(asked).values()} == {f"{__file__}:Mine"}
 
 
 def test_no_other_suite_is_there():
@@ -291,7 +290,7 @@ def test_rows_find_their_condition():
     conditions = {"here": ConditionConfig("ur3"), "near": ConditionConfig("ur3", arm=ArmConfig(base=[0.1, 0.0, 0.0]))}
     rows = on_arm(DIRECT)
     there = rows.assign(base_x=0.1)[:3]
-    found = by_condition(pd.concat([rows, there], ignore_index=True), conditions, BLOCK_PUSH)
+    found = by_condition(pd.concat([rows, there], ignore_index=True), suite_arms(conditions, BLOCK_PUSH))
     assert len(found["here"]) == 12 and len(found["near"]) == 3
 
 
@@ -315,5 +314,6 @@ def test_rows_of_a_suite_are_shown_by_condition(tmp_path, capsys):
     show.main(show.ShowConfig(table=str(tmp_path), suite="official"))
     shown = capsys.readouterr().out
     assert "| ur3         | reorder  | 0.01 | 12  | 66.7 [" in shown and "+25.0 [" in shown
+    conditions = suite_conditions("buttons-v1")
     with pytest.raises(SettingError, match="no episodes of the conditions of suite=buttons-v1"):
-        show_suite("buttons-v1", suite_conditions("buttons-v1"), on_arm(DIRECT), PRESS_BUTTONS)
+        show_suite("buttons-v1", conditions, suite_arms(conditions, PRESS_BUTTONS), on_arm(DIRECT), {}, PRESS_BUTTONS)

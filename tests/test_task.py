@@ -7,17 +7,19 @@ import gymnasium
 import pytest
 
 import envs
+from benchmark.settings.setting import SettingError
+from benchmark.settings.task import chosen_task
 from envs.block_push.arm import block_push_arm
 from envs.block_push.oracle import run_oracle
 from envs.block_push.task import BLOCK_PUSH
 from envs.task import Change, play_oracle
-from envs.tasks import TASKS, task_named
+from envs.tasks import TASKS
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
 
 @pytest.mark.parametrize("task", TASKS, ids=lambda task: task.name)
 def test_a_task_is_found_by_its_name_and_travels_to_other_processes(task):
-    assert task_named(task.name) is task and task_named("envs.tasks:BLOCK_PUSH") is BLOCK_PUSH
+    assert chosen_task(task.name) is task and chosen_task("envs.tasks:BLOCK_PUSH") is BLOCK_PUSH
     assert pickle.loads(pickle.dumps(task)) == task
 
 
@@ -30,8 +32,8 @@ def test_a_task_is_found_by_its_name_and_travels_to_other_processes(task):
     ],
 )
 def test_what_is_no_task_is_refused_in_a_line(name, said):
-    with pytest.raises(ValueError, match=said) as raised:
-        task_named(name)
+    with pytest.raises(SettingError, match=said) as raised:
+        chosen_task(name)
     assert "\n" not in str(raised.value)
 
 

@@ -105,10 +105,10 @@ def unharmed() -> Iterator[None]:
 def log_checkpoint(run: "wandb.Run", folder: Path) -> None:
     """A checkpoint that the run made. Its files are not copied: they have to stay until they are uploaded."""
     if not run.disabled:
-        run.log_artifact(_checkpoint(folder))
+        run.log_artifact(checkpoint_artifact(folder))
 
 
-def _checkpoint(folder: Path) -> "wandb.Artifact":
+def checkpoint_artifact(folder: Path) -> "wandb.Artifact":
     """A checkpoint under the same name wherever it lies, so that a training and its evaluations are linked."""
     import wandb
 
@@ -117,11 +117,3 @@ def _checkpoint(folder: Path) -> "wandb.Artifact":
     artifact = wandb.Artifact(name, type="model", metadata={"policy_hash": checkpoint.policy_hash})
     artifact.add_dir(str(folder.resolve()), policy="immutable", skip_cache=True)
     return artifact
-
-
-def _use(run: "wandb.Run", artifact: "wandb.Artifact") -> None:
-    """Declare an artifact as what a run started from.
-
-    `Run.use_artifact` does this by the same call, but waits for the server, and refuses to work offline.
-    """
-    run._log_artifact(artifact, is_user_created=True, use_after_commit=True)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import OracleConfig, RunConfig
+from benchmark.settings.config import ConditionConfig, OracleConfig, RunConfig
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,7 +34,7 @@ DECIMALS = 6
 """Of postures in rows, in [rad]: one that was found differs in the last bits from processor to processor."""
 
 
-def chosen_arm(config: RunConfig | OracleConfig, task: "Task") -> "PlacedArm":
+def chosen_arm(config: RunConfig | OracleConfig | ConditionConfig, task: "Task") -> "PlacedArm":
     """The setting's arm with the single choices replaced, as it does a task.
 
     Raises:
@@ -45,11 +45,30 @@ def chosen_arm(config: RunConfig | OracleConfig, task: "Task") -> "PlacedArm":
 
     poses = task.poses
     try:
-        arm = place_arm(config.robot.load(), poses, config.setting, **vars(config.arm))
+        robot = config.robot if isinstance(config, ConditionConfig) else config.robot.load()
+        arm = place_arm(robot, poses, config.setting, **vars(config.arm))
         start_posture(arm, arm.kinematics(), poses.start)
         return arm
     except ValueError as error:
         raise SettingError(f"arm: {error}") from error
+
+
+def suite_arms(conditions: Mapping[str, ConditionConfig], task: "Task") -> "dict[str, PlacedArm]":
+    """The arm of each condition of a suite, by the condition's name.
+
+    Raises:
+        SettingError: If one cannot hold its tool over the task's start so.
+    """
+    return {name: chosen_arm(condition, task) for name, condition in conditions.items()}
+
+
+def chosen_arms(config: RunConfig, task: "Task") -> "dict[str, PlacedArm]":
+    """The arms of a run: of its suite, or the one that settings describe, by the robot's name.
+
+    Raises:
+        SettingError: If one cannot hold its tool over the task's start so.
+    """
+    return suite_arms(config.conditions, task) or {config.robot.name: chosen_arm(config, task)}
 
 
 def arm_columns(arm: "PlacedArm") -> dict[str, Any]:

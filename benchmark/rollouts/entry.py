@@ -19,12 +19,13 @@ from benchmark.rollouts.make_condition import make_condition
 from benchmark.settings.command import SettingError, typed
 from benchmark.settings.config import LimitsConfig, RunConfig
 from benchmark.settings.entry_config import EntryConfig
-from benchmark.settings.task import chosen_task
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from benchmark.rollouts.rollout import Rollout
+    from envs.arm.placed_arm import PlacedArm
+    from envs.task import Task
 
 
 MOST_BYTES = 10_000
@@ -149,22 +150,22 @@ class Entry:
             )
         return [checkpoint.folder]
 
-    def rollout(self, config: RunConfig, checkpoint: Path, console: "Console") -> "Rollout":
-        """What is rolled out on the arm of these settings; builds the field if one is needed and not in the cache.
+    def rollout(
+        self, config: RunConfig, task: "Task", arm: "PlacedArm", checkpoint: Path, console: "Console"
+    ) -> "Rollout":
+        """What is rolled out on an arm; builds the field if one is needed and not in the cache.
 
         Raises:
             SettingError: If its class cannot be made.
         """
-        from benchmark.episodes.arm import chosen_arm
         from benchmark.rollouts.rollout import Rollout
 
-        task, about = chosen_task(config.task), self.about
-        arm = chosen_arm(config, task)
+        about = self.about
         if about.policy and Checkpoint(checkpoint).type == GUIDED:
             sampler, steps = Checkpoint(checkpoint).sampler  # As it was saved, whatever ours are sampled by.
             config = replace(config, sampler=sampler, sampling_steps=steps)
         field, path = guidance_field(self.kind, arm, config.map, config.energy, config.workers, console)
-        condition = make_condition(config, arm, about.name, about.scale, checkpoint, field, self.files_hash)
+        condition = make_condition(config, task, arm, about.name, about.scale, checkpoint, field, self.files_hash)
         guidance = self.guidance(config.limits)
         if guidance is not None:
             guidance.make(about.scale, path, arm.base[:2], 0, task.space.action.width)

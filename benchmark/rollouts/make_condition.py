@@ -6,16 +6,17 @@ from typing import TYPE_CHECKING
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig
-from benchmark.settings.task import chosen_task
 
 if TYPE_CHECKING:
     from benchmark.episodes.episode import Condition
     from envs.arm.placed_arm import PlacedArm
+    from envs.task import Task
     from richmap.similarity.load_field import StoredField
 
 
 def make_condition(
     config: RunConfig,
+    task: "Task",
     arm: "PlacedArm",
     method: str,
     scale: float,
@@ -40,7 +41,7 @@ def make_condition(
                 "device=cuda is not available: PyTorch finds no GPU here. Use device=cpu or device=auto."
             )
         device = "cuda" if available else "cpu"
-    source, task = Checkpoint(checkpoint), chosen_task(config.task)
+    source = Checkpoint(checkpoint)
     sampler, steps = (config.sampler, config.sampling_steps) if source.type == GUIDED else source.sampler
     return Condition(
         task=task.name,

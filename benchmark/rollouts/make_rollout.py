@@ -50,9 +50,9 @@ class Stage:
         from benchmark.rollouts.rollout import Rollout
 
         if scale and self.entry:
-            return self.entry.at(scale).rollout(self.config, self.checkpoint, self.console)
+            return self.entry.at(scale).rollout(self.config, self.task, self.arm, self.checkpoint, self.console)
         method, (field, file) = (self.config.method, self.field) if scale else ("direct", (None, None))
-        condition = make_condition(self.config, self.arm, method, scale, self.checkpoint, field)
+        condition = make_condition(self.config, self.task, self.arm, method, scale, self.checkpoint, field)
         return Rollout(self.task, self.arm, condition, self.checkpoint, file, kind=METHODS[method].field)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
 from benchmark.artifacts.fields import MAPS
 from benchmark.artifacts.known_policies import CHECKPOINTS, of_task, published
-from benchmark.episodes.arm import choices_of
+from benchmark.episodes.arm import choices_of, chosen_arm
 from benchmark.episodes.episode import row_name
 from benchmark.rollouts.field_settings import noted_settings
 from benchmark.rollouts.make_rollout import make_rollout
@@ -38,7 +38,8 @@ def row_rollout(row: Mapping[str, Any], config: ReplayConfig, console: "Console"
     """
     import torch
 
-    check_version(row, chosen_task(config.task))
+    task = chosen_task(config.task)
+    check_version(row, task)
     if row["device"] == "cuda" and not torch.cuda.is_available():
         raise SettingError(f"{row_name(row)} ran on a GPU, and PyTorch finds none here. Replay it where it ran.")
     entry = row_entry(row, config.entry)
@@ -49,7 +50,7 @@ def row_rollout(row: Mapping[str, Any], config: ReplayConfig, console: "Console"
     if entry is None:
         rollout = make_rollout(run, row["lambda"], checkpoint, console)
     else:
-        rollout = entry.at(row["lambda"]).rollout(run, checkpoint, console)
+        rollout = entry.at(row["lambda"]).rollout(run, task, chosen_arm(run, task), checkpoint, console)
     check_arm(row, rollout.arm)
     made, stored = rollout.condition.field_fingerprint, row["field_fingerprint"]
     if made != stored:

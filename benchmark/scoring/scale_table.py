@@ -30,9 +30,6 @@ def scale_table(episodes: "pd.DataFrame", task: "Task", names: "Sequence[str]" =
 
     from benchmark.scoring.statistics import Crossed, clustered_difference, clustered_mean
 
-    def crossed(rows: pd.DataFrame, values: pd.Series) -> Crossed:
-        return Crossed(values.to_numpy(float), rows.checkpoint_hash.to_numpy(str), rows.episode_seed.to_numpy())
-
     rows = []
     for arm, group in episodes.groupby(CHOSEN_FOR, sort=True):
         direct = group[group.method == "direct"]
@@ -47,8 +44,8 @@ def scale_table(episodes: "pd.DataFrame", task: "Task", names: "Sequence[str]" =
             for name in names or task.headline:
                 less = pairs[name].astype(float) - pairs[f"{name}_direct"].astype(float)
                 rate, difference = (
-                    clustered_mean(crossed(point, point[name])),
-                    clustered_difference(crossed(pairs, less)),
+                    clustered_mean(Crossed.of(point, point[name])),
+                    clustered_difference(Crossed.of(pairs, less)),
                 )
                 row |= dict(zip((name, f"{name}_low", f"{name}_high"), rate, strict=True))
                 of_difference = (f"{name}_difference", f"{name}_difference_low", f"{name}_difference_high")

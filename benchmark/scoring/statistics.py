@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Int, Shaped
@@ -10,6 +11,9 @@ from scipy.stats import norm, t
 from statsmodels.stats.contingency_tables import mcnemar
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.proportion import proportion_confint
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 LEVEL = 0.95
 
@@ -56,6 +60,11 @@ class Crossed:
     """What is a training by itself: the training seed, whatever its checkpoint."""
     episodes: Int[np.ndarray, " n"]
     """Episode seeds."""
+
+    @classmethod
+    def of(cls, rows: "pd.DataFrame", values: "pd.Series") -> "Crossed":
+        """Values of these rows, each by its row's policy and episode."""
+        return cls(values.to_numpy(float), rows.checkpoint_hash.to_numpy(str), rows.episode_seed.to_numpy())
 
 
 def clustered_mean(rows: Crossed, extra: Sequence[float] = (0.0, 0.0, 1.0, 1.0)) -> tuple[float, float, float]:

@@ -199,6 +199,29 @@ def ranking_text(table: "pd.DataFrame") -> str:
     return pd.DataFrame(lines).to_markdown(index=False, disable_numparse=True) if lines else ""
 
 
+def remarks(
+    ranking: "pd.DataFrame", suite: str, counted: Sequence[str], ceilings: Mapping[str, Ceiling]
+) -> "list[str]":
+    """What there is to say of a ranking: why methods have no share or no rank, and which are tied."""
+    methods = ranking[~ranking.method.isin(REFERENCES)]
+    said: list[str] = []
+    if methods.empty or not counted:
+        return said
+    if not {*counted} <= {*ceilings}:
+        said.append(
+            f"The ceilings of {suite} are not frozen, so there are no shares of head-room, and the mean gain ranks. To "
+            f"freeze them: python -m benchmark.ceilings suite={suite}"
+        )
+    elif methods.share.isna().all():
+        scenes = sorted({scene for each in ceilings.values() for scene in each.scenes})
+        said.append(f"There are no shares of head-room: the ceilings are of scenes {scenes[0]} to {scenes[-1]} alone.")
+    if len(lacking := [*methods.method[methods["rank"].isna()]]):
+        said.append(f"Without a rank, as episodes of direct transfer's are missing: {', '.join(lacking)}.")
+    if len(tied := [*methods.method[methods.tied.eq(True)]]):
+        said.append(f"Even and odd scenes do not order the first alike: {', '.join(tied)} are tied.")
+    return said
+
+
 def needs_text(method: str) -> str:
     """What a method has to be given."""
     return (", ".join(METHODS[method].needs) or "nothing") if method in METHODS else "not stated"

@@ -1,37 +1,28 @@
 """What methods come to on each condition of a suite, and all that is shown of one."""
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmark.episodes.arm import of_arm
-from benchmark.scoring.ceiling import Ceiling, ceilings_file, read_ceilings
+from benchmark.scoring.ceiling import Ceiling
 from benchmark.scoring.statistics import Crossed, clustered_mean
-from benchmark.scoring.suite_ranking import REFERENCES, method_pairs, ranking_text, suite_ranking
-from benchmark.settings.config import ConditionConfig, RunConfig
-from benchmark.settings.robot_config import RobotConfig
+from benchmark.scoring.suite_ranking import method_pairs, ranking_text, remarks, suite_ranking
+from benchmark.settings.config import ConditionConfig
 from benchmark.settings.scenes import TABLES
 from benchmark.settings.setting import SettingError
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from envs.arm.placed_arm import PlacedArm
     from envs.task import Task
 
 
-def by_condition(
-    rows: "pd.DataFrame", conditions: Mapping[str, ConditionConfig], task: "Task"
-) -> "dict[str, pd.DataFrame]":
-    """The rows of each condition of a suite, by its name."""
-    from benchmark.episodes.arm import chosen_arm
-
-    tables = {}
-    for name, condition in conditions.items():
-        settings = RunConfig(robot=RobotConfig(condition.robot), setting=condition.setting, arm=condition.arm)
-        tables[name] = of_arm(rows, chosen_arm(settings, task))
-    return tables
+def by_condition(rows: "pd.DataFrame", arms: "Mapping[str, PlacedArm]") -> "dict[str, pd.DataFrame]":
+    """The rows of the arm of each condition of a suite, by the condition's name."""
+    return {name: of_arm(rows, arm) for name, arm in arms.items()}
 
 
 def suite_table(
@@ -66,8 +57,8 @@ def suite_table(
             row = {"condition": condition, "saturated": conditions[condition].saturated, "method": method}
             row |= {"lambda": scale, "n": len(group), "scenes": len(scenes)}
             for key, interval in (
-                (name, clustered_mean(_crossed(group, group[name]))),
-                ("difference", clustered_difference(_crossed(pairs, less)) if len(pairs) else (np.nan,) * 3),
+                (name, clustered_mean(Crossed.of(group, group[name]))),
+                ("difference", clustered_difference(Crossed.of(pairs, less)) if len(pairs) else (np.nan,) * 3),
                 ("ceiling", at_most),
             ):
                 row |= dict(zip((key, f"{key}_low", f"{key}_high"), interval, strict=True))
@@ -99,57 +90,38 @@ def suite_text(table: "pd.DataFrame", task: "Task") -> str:
     return pd.DataFrame(lines).to_markdown(index=False, disable_numparse=True)
 
 
-def _crossed(rows: "pd.DataFrame", values: "pd.Series") -> Crossed:
-    """Values of these rows by training and episode."""
-    return Crossed(values.to_numpy(float), rows.checkpoint_hash.to_numpy(str), rows.episode_seed.to_numpy())
-
-
 def show_suite(
-    suite: str, conditions: dict[str, ConditionConfig], rows: "pd.DataFrame", task: "Task", ceilings: Path | None = None
+    suite: str,
+    conditions: Mapping[str, ConditionConfig],
+    arms: "Mapping[str, PlacedArm]",
+    rows: "pd.DataFrame",
+    ceilings: Mapping[str, Ceiling],
+    task: "Task",
 ) -> None:
     """Print what rows come to on a suite, on one block of scenes: those for tables, or where none are, the others.
 
     Args:
         suite: Its name.
         conditions: Its conditions.
+        arms: Of these.
         rows: Of episodes.
-        task: What they are of.
-        ceilings: File of ceilings; None for those that are frozen with the suite.
+        ceilings: Of its conditions, frozen.
+        task: What the rows are of.
+
+    Raises:
+        SettingError: If the rows are of none of the arms.
     """
     in_block = rows.episode_seed.isin(TABLES)
     rows = rows[in_block] if in_block.any() else rows
-    frozen, tables = read_ceilings(ceilings or ceilings_file(suite)), by_condition(rows, conditions, task)
+    tables = by_condition(rows, arms)
     if not any(map(len, tables.values())):
         raise SettingError(
             f"These are no episodes of the conditions of suite={suite}. Roll them out: "
             f"python -m benchmark.run suite={suite} method=..."
         )
     counted = [name for name, condition in conditions.items() if not condition.saturated]
-    texts, pairs = [], method_pairs(tables, conditions, frozen, task)
+    texts, pairs = [], method_pairs(tables, conditions, ceilings, task)
     if len(pairs):
         ranking = suite_ranking(pairs, counted)
-        texts = [ranking_text(ranking), *remarks(ranking, suite, counted, frozen)]
-    print("\n\n".join(filter(None, [*texts, suite_text(suite_table(tables, conditions, frozen, task), task)])))
-
-
-def remarks(
-    ranking: "pd.DataFrame", suite: str, counted: Sequence[str], ceilings: Mapping[str, Ceiling]
-) -> "list[str]":
-    """What there is to say of a ranking: why methods have no share or no rank, and which are tied."""
-    methods = ranking[~ranking.method.isin(REFERENCES)]
-    said: list[str] = []
-    if methods.empty or not counted:
-        return said
-    if not {*counted} <= {*ceilings}:
-        said.append(
-            f"The ceilings of {suite} are not frozen, so there are no shares of head-room, and the mean gain ranks. To "
-            f"freeze them: python -m benchmark.ceilings suite={suite}"
-        )
-    elif methods.share.isna().all():
-        scenes = sorted({scene for each in ceilings.values() for scene in each.scenes})
-        said.append(f"There are no shares of head-room: the ceilings are of scenes {scenes[0]} to {scenes[-1]} alone.")
-    if len(lacking := [*methods.method[methods["rank"].isna()]]):
-        said.append(f"Without a rank, as episodes of direct transfer's are missing: {', '.join(lacking)}.")
-    if len(tied := [*methods.method[methods.tied.eq(True)]]):
-        said.append(f"Even and odd scenes do not order the first alike: {', '.join(tied)} are tied.")
-    return said
+        texts = [ranking_text(ranking), *remarks(ranking, suite, counted, ceilings)]
+    print("\n\n".join(filter(None, [*texts, suite_text(suite_table(tables, conditions, ceilings, task), task)])))

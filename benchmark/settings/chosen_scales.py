@@ -8,6 +8,11 @@ import yaml
 from benchmark.settings.setting import SettingError
 
 
+def scales_file(folder: str, task: str) -> Path:
+    """The file of a task's chosen scales, by the task's name."""
+    return Path(folder) / f"{task}.yaml"
+
+
 def read_scales(file: Path) -> dict[str, dict[str, Any]]:
     """What was chosen for each method, and from what; nothing if the file is not there.
 

@@ -7,7 +7,7 @@ from hydra import initialize, initialize_config_dir
 from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
-from benchmark.settings.chosen_scales import read_scales
+from benchmark.settings.chosen_scales import read_scales, scales_file
 from benchmark.settings.setting import as_typed, choices_of
 from policies.methods import DIRECT
 
@@ -39,7 +39,7 @@ def register(schema: type, name: str) -> None:
 
 
 def _chosen(folder: str, task: str) -> str:
-    return ",".join((DIRECT, *read_scales(Path(folder) / f"{task}.yaml")))
+    return ",".join((DIRECT, *read_scales(scales_file(folder, task))))
 
 
 def files_of(name: str) -> str | None:

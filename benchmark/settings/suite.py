@@ -1,13 +1,11 @@
 """A suite: named conditions, on all of which a method is rolled out. Each is a file of `conf/suite/`."""
 
-from dataclasses import replace
 from typing import cast
 
 from omegaconf import DictConfig, OmegaConf
 
 from benchmark.settings.composition import CONF
 from benchmark.settings.config import ConditionConfig, RunConfig
-from benchmark.settings.robot_config import RobotConfig
 from benchmark.settings.setting import SettingError
 
 SUITES = CONF / "suite"
@@ -33,22 +31,6 @@ def suite_task(name: str) -> str:
         SettingError: If there is no such suite.
     """
     return str(_suite(name).get("task", RunConfig.task))
-
-
-def suite_runs(config: RunConfig) -> dict[str, RunConfig]:
-    """The settings of each condition of a run's suite, with its first training seed."""
-    return {
-        name: replace(
-            config,
-            robot=RobotConfig(condition.robot),
-            setting=condition.setting,
-            arm=condition.arm,
-            seed=config.seeds[0],
-            suite="",
-            conditions={},
-        )
-        for name, condition in config.conditions.items()
-    }
 
 
 def _suite(name: str) -> DictConfig:

@@ -1,5 +1,6 @@
 """The task that settings name."""
 
+import importlib
 from typing import TYPE_CHECKING
 
 from benchmark.settings.setting import SettingError
@@ -9,14 +10,29 @@ if TYPE_CHECKING:
 
 
 def chosen_task(name: str) -> "Task":
-    """The task of this name, or somebody's own as `module:NAME`.
+    """The task of ours of this name, or somebody's own as `module:NAME`.
 
     Raises:
         SettingError: If there is none.
     """
-    from envs.tasks import task_named
+    from envs.task import Task
+    from envs.tasks import TASKS
 
+    for task in TASKS:
+        if task.name == name:
+            return task
+    if ":" not in name:
+        names = ", ".join(task.name for task in TASKS)
+        raise SettingError(
+            f"task={name}: There is no task {name!r}. Tasks: {names}, or one of your own as module:NAME."
+        )
+    module, attribute = name.split(":", 1)
     try:
-        return task_named(name)
-    except ValueError as error:
-        raise SettingError(f"task={name}: {error}") from error
+        found = getattr(importlib.import_module(module), attribute, None)
+    except Exception as error:  # Whatever somebody's module may raise.
+        raise SettingError(
+            f"task={name}: Task {name!r}: importing {module} raised {type(error).__name__}: {error}"
+        ) from error
+    if not isinstance(found, Task):
+        raise SettingError(f"task={name}: Task {name!r}: {module} has no {attribute} that is an envs.task.Task.")
+    return found

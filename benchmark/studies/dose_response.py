@@ -123,8 +123,9 @@ def predict(config: DoseResponseConfig, console: "Console") -> None:
 
 def play(config: DoseResponseConfig, console: "Console") -> None:
     """Play what is missing of the first two thirds of arms, or of the last."""
+    from benchmark.artifacts.known_policies import chosen_checkpoint
+    from benchmark.rollouts.make_rollout import make_rollout
     from benchmark.rollouts.missing_episodes import play_missing
-    from benchmark.sweeps.chosen_players import rollouts_of
 
     known = _known(config)
     if known.empty:
@@ -133,7 +134,8 @@ def play(config: DoseResponseConfig, console: "Console") -> None:
         raise SettingError(f"{config.predictors} is not committed as it is. Commit it before the last third is played.")
     wanted = {*known.name[known["last"] == config.last]}
     arms = [study for name, (study, _) in chosen(config, console).items() if name in wanted]
-    players = [player for study in arms for seed in config.seeds for player in rollouts_of(study.run(seed), console)]
+    runs = [study.run(seed) for study in arms for seed in config.seeds]
+    players = [make_rollout(run, 0.0, chosen_checkpoint(run), console) for run in runs]
     if not players:
         raise SettingError(f"None of these arms is in the {'last third' if config.last else 'first two thirds'}.")
     seeds = range(VALIDATION.start, VALIDATION.start + config.episodes)

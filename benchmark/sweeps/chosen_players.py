@@ -3,51 +3,70 @@
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from benchmark.artifacts.known_policies import chosen_checkpoint
+from benchmark.rollouts.arm_oracle import ArmOracle
+from benchmark.rollouts.make_rollout import Stage
+from benchmark.settings.chosen_scales import read_scales, scales_file
 from benchmark.settings.config import ORACLE_METHODS, RunConfig
-from benchmark.settings.suite import suite_runs
+from benchmark.settings.setting import SettingError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from rich.console import Console
 
-    from benchmark.rollouts.arm_oracle import ArmOracle
     from benchmark.rollouts.players import Player
     from benchmark.rollouts.rollout import Rollout
+    from envs.arm.placed_arm import PlacedArm
+    from envs.task import Task
 
 
-def chosen_players(config: RunConfig, console: "Console") -> "Sequence[Player]":
-    """Direct transfer, and then guidance at its scale, unless that is 0, with the policy of each training seed on each
-    condition of a suite, or with one policy on one arm; or a scripted oracle.
+def chosen_players(
+    config: RunConfig, task: "Task", arms: "Iterable[PlacedArm]", console: "Console"
+) -> "Sequence[Player]":
+    """Direct transfer, and then guidance at its scale, unless that is 0, on each arm with the policy of each training
+    seed of a suite's, or with the one policy; or a scripted oracle on each arm.
 
     Raises:
-        SettingError: If no scale was chosen, an arm cannot stand so, or a policy is not there or cannot be guided.
+        SettingError: If no scale was chosen, or a policy is not there or cannot be guided.
     """
-    runs = [*suite_runs(config).values()] or [config]
     if config.method in ORACLE_METHODS.values():
-        return [oracle_of(run) for run in runs]
-    runs = [replace(run, seed=seed) for run in runs for seed in config.seeds] if config.conditions else runs
-    rollouts = [rollout for run in runs for rollout in rollouts_of(run, console)]
-    return sorted(rollouts, key=lambda rollout: rollout.condition.guidance_scale)
+        return [oracle_of(config.method, task, arm) for arm in arms]
+    seeds = config.seeds if config.conditions else [config.seed]
+    checkpoints = [chosen_checkpoint(replace(config, seed=seed)) for seed in seeds]
+    return rollouts_of([Stage(config, task, arm, checkpoint, console) for arm in arms for checkpoint in checkpoints])
 
 
-def oracle_of(config: RunConfig) -> "ArmOracle":
-    """The scripted oracle that the method names, on the arm."""
-    from benchmark.episodes.arm import chosen_arm
-    from benchmark.rollouts.arm_oracle import ArmOracle
-    from benchmark.settings.task import chosen_task
-
-    task = chosen_task(config.task)
-    (oracle,) = [oracle for oracle, method in ORACLE_METHODS.items() if method == config.method]
-    return ArmOracle(task, chosen_arm(config, task), oracle)
+def oracle_of(method: str, task: "Task", arm: "PlacedArm") -> ArmOracle:
+    """The scripted oracle that a method names, on an arm."""
+    (oracle,) = [oracle for oracle, name in ORACLE_METHODS.items() if name == method]
+    return ArmOracle(task, arm, oracle)
 
 
-def rollouts_of(config: RunConfig, console: "Console") -> "list[Rollout]":
-    """Direct transfer, and guidance at its scale unless that is 0, with one policy on one arm."""
-    from benchmark.artifacts.known_policies import chosen_checkpoint
-    from benchmark.rollouts.make_rollout import set_stage
-    from benchmark.sweeps.chosen_scale import chosen_scale
+def rollouts_of(stages: "Sequence[Stage]") -> "list[Rollout]":
+    """Direct transfer on each of these stages of one method, and then guidance at its scale, unless that is 0."""
+    given = stages[0].config.guidance_scale
+    scale = chosen_scale(stages[0]) if given is None else given
+    return [stage.rollout(each) for each in sorted({0.0, scale}) for stage in stages]
 
-    stage = set_stage(config, chosen_checkpoint(config), console)
-    scale = chosen_scale(stage) if config.guidance_scale is None else config.guidance_scale
-    return [stage.rollout(each) for each in sorted({0.0, scale})]
+
+def chosen_scale(stage: Stage) -> float:
+    """The one scale of a method that was chosen for its task, in `config.scales_dir`; 0 for direct transfer.
+
+    Raises:
+        SettingError: If none was.
+    """
+    config = stage.config
+    if config.method == "direct":
+        return 0.0
+    if stage.entry:
+        if stage.entry.default_scale is None:
+            raise SettingError(f"lambda=null: {config.method} names no default_scale. Give it one, or give lambda.")
+        return stage.entry.default_scale
+    file = scales_file(config.scales_dir, stage.task.name)
+    if (chosen := read_scales(file).get(config.method)) is not None:
+        return float(chosen["scale"])
+    raise SettingError(
+        f"lambda=null: {file} has no scale of method={config.method}. Choose one: python -m benchmark.choose_scales "
+        f"methods=[{config.method}] scales_dir={config.scales_dir}, or give lambda."
+    )

@@ -12,7 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from benchmark.artifacts.wandb_run import _checkpoint, _use, start_experiment, unharmed
+from benchmark.artifacts.wandb_run import checkpoint_artifact, start_experiment, unharmed
 from benchmark.settings.config import RunConfig, WandbConfig
 from richmap.progress import progress_bar
 
@@ -91,7 +91,7 @@ def log_evaluation(config: RunConfig, player: "Player", episodes: "pd.DataFrame"
     point = {"lambda": condition["lambda"], **figures(episodes, rollout.task)}
     failed = {f"failed/{cause}": count for cause, count in point.pop("causes").items()}
     with start_experiment(config.wandb, name, group, "evaluation", settings) as run:
-        _use(run, _checkpoint(rollout.checkpoint))
+        _use(run, checkpoint_artifact(rollout.checkpoint))
         if rollout.field:
             _use(run, _field(rollout))
         run.define_metric("*", step_metric="lambda")
@@ -151,6 +151,14 @@ def _log_video(run: "wandb.Run", rollout: "Rollout", seed: int) -> None:
             print(f"W&B: no video of episode {seed}. {type(error).__name__}: {' '.join(str(error).split())}")
             return
         run.log({"video": wandb.Video(str(file), format="gif")})
+
+
+def _use(run: "wandb.Run", artifact: "wandb.Artifact") -> None:
+    """Declare an artifact as what a run started from.
+
+    `Run.use_artifact` does this by the same call, but waits for the server, and refuses to work offline.
+    """
+    run._log_artifact(artifact, is_user_created=True, use_after_commit=True)
 
 
 def _field(rollout: "Rollout") -> "wandb.Artifact":

@@ -1,21 +1,20 @@
 """Choosing one scale of a method for a task: a grid with "off" in it, on a few scenes of every condition of a suite."""
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
 
-from benchmark.settings.chosen_scales import read_scales
+from benchmark.settings.chosen_scales import read_scales, scales_file
 from benchmark.settings.command import check_setting
 from benchmark.settings.config import ConditionConfig, RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.scenes import VALIDATION
-from benchmark.settings.suite import suite_conditions, suite_runs, suite_task
+from benchmark.settings.suite import suite_conditions, suite_task
 from benchmark.settings.task import chosen_task
-from benchmark.sweeps.chosen_scale import scales_file
 from policies.methods import GUIDED, METHODS, SWEPT
 
 if TYPE_CHECKING:
@@ -111,7 +110,7 @@ def written(config: ChooseScalesConfig, method: str, chosen: dict[str, Any]) -> 
     """Put a method's choice into the task's file, and leave the others there."""
     from richmap.outputs import replacing
 
-    file = scales_file(config.scales_dir, chosen_task(config.task))
+    file = scales_file(config.scales_dir, chosen_task(config.task).name)
     said = read_scales(file) | {method: chosen}
     with replacing(file) as path:
         path.write_text("# Made by python -m benchmark.choose_scales.\n" + yaml.safe_dump(said, sort_keys=True))
@@ -120,7 +119,10 @@ def written(config: ChooseScalesConfig, method: str, chosen: dict[str, Any]) -> 
 
 def _stages(config: ChooseScalesConfig, method: str, console: "Console") -> "list[Stage]":
     from benchmark.artifacts.known_policies import checkpoint_folder
-    from benchmark.rollouts.make_rollout import set_stage
+    from benchmark.episodes.arm import suite_arms
+    from benchmark.rollouts.make_rollout import Stage
 
-    runs = [replace(run, seed=seed) for run in suite_runs(config.run(method)).values() for seed in config.seeds]
-    return [set_stage(run, checkpoint_folder(run.seed, task=run.task), console) for run in runs]
+    run, task = config.run(method), chosen_task(config.task)
+    checkpoints = [checkpoint_folder(seed, task=run.task) for seed in config.seeds]
+    arms = suite_arms(run.conditions, task).values()
+    return [Stage(run, task, arm, checkpoint, console) for arm in arms for checkpoint in checkpoints]

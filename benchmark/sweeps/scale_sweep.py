@@ -8,7 +8,7 @@ from statistics import mean
 from typing import TYPE_CHECKING
 
 from benchmark.artifacts.fields import guidance_field
-from benchmark.episodes.arm import chosen_arm
+from benchmark.episodes.arm import arm_name, chosen_arm
 from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.scoring.scale_table import CHOSEN_FOR
@@ -18,7 +18,6 @@ from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.recipe import USUAL
 from benchmark.settings.robot_config import ArmConfig, RobotConfig, robot_field
 from benchmark.settings.task import chosen_task
-from benchmark.sweeps.chosen_scale import arm_folder, read_methods
 from policies.methods import GUIDED, METHODS, MOST_SAMPLES, SWEPT
 
 if TYPE_CHECKING:
@@ -102,7 +101,7 @@ class ScalesConfig:
     def folder(self) -> Path:
         """Of the recipe's policies on the arm."""
         run = self.run(self.seeds[0])
-        return arm_folder(self.output_dir, self.recipe, chosen_arm(run, chosen_task(self.task)))
+        return Path(self.output_dir) / self.recipe / arm_name(chosen_arm(run, chosen_task(self.task)))
 
     def run(self, seed: int) -> RunConfig:
         """Settings of direct transfer with the policy of one training seed."""
@@ -208,6 +207,23 @@ def sweep(config: ScalesConfig, direct: "list[Rollout]", methods: list[Swept], c
 def episode_seeds(config: ScalesConfig) -> range:
     """The episodes of every point."""
     return range(config.seed_start, config.seed_start + config.episodes)
+
+
+def read_methods(folder: Path, task: "Task", seeds: range) -> "pd.DataFrame":
+    """These episodes in an arm's folder, whatever the method, of the task's present version; an empty table if none
+    are."""
+    import pandas as pd
+
+    from benchmark.episodes.table import read_episodes
+
+    tables = []
+    others = sorted({each.name for each in folder.glob("*") if each.is_dir()} - {*METHODS})  # Classes in files.
+    for method in (*METHODS, *others):
+        table = read_episodes(folder / method)
+        if len(table):
+            present = table.episode_version == table.setting.map(task.episode_version)
+            tables.append(table[present & table.episode_seed.isin(seeds)])
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
 
 def run_points(

@@ -6,7 +6,7 @@ shoulder ahead or behind. An arm of seven joints has a range of postures in each
 
 import hashlib
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from pkgutil import resolve_name
 
@@ -43,7 +43,8 @@ def find_posture(arm: PlacedArm, poses: TaskPoses) -> PlacedArm:
     Raises:
         ValueError: If it cannot hold its tool upright over the task's start.
     """
-    inputs = arm.numbers() | {"poses": poses.key(), "version": VERSION}
+    asked = {name: value for name, value in asdict(poses).items() if name != "branch" and value is not None}
+    inputs = arm.numbers() | {"poses": asked, "version": VERSION}
     key = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
     file = Path(platformdirs.user_cache_dir("richmap"), "postures", f"{arm.robot}-{key[:16]}.json")
     if not file.exists():

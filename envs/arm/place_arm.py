@@ -13,7 +13,7 @@ from envs.arm.task_poses import FOUND, TaskPoses
 from richmap.robots import ROBOTS
 from richmap.robots.robot import RobotDescription
 from richmap.robots.robot_file import Branch, RobotFile, Stand
-from richmap.robots.robots import load_robot, robot_file
+from richmap.robots.robots import robot_file
 
 COMMON_BASE = (0.0, 0.0, 0.0)
 """Where arms stand, in [m] in the world: where the xArm6 of the original does."""
@@ -158,16 +158,12 @@ def other_branches(arm: PlacedArm, poses: TaskPoses) -> list[PlacedArm]:
 def _description_and_file(robot: str | RobotDescription) -> tuple[RobotDescription, RobotFile | None]:
     """An arm, and its file if it ships; None for another arm, also for one that goes by such a name."""
     if isinstance(robot, str):
-        return _scaled(robot), robot_file(robot)
-    if robot.name not in ROBOTS or robot not in (load_robot(robot.name), _scaled(robot.name)):
+        file = robot_file(robot)
+        return file.scaled, file
+    if robot.name not in ROBOTS:
         return robot, None
-    return _scaled(robot.name), robot_file(robot.name)
-
-
-@lru_cache
-def _scaled(name: str) -> RobotDescription:
-    """An arm that ships in the metres of a task that is made smaller for it, as its file says."""
-    return load_robot(name).in_units_of(robot_file(name).scale)
+    file = robot_file(robot.name)
+    return (file.scaled, file) if robot in (file.description, file.scaled) else (robot, None)
 
 
 @lru_cache

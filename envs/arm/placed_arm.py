@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from envs.arm.inverse_kinematics import InverseKinematics
 from envs.arm.task_poses import FOUND
-from richmap.motion.sampling import way_about_z
+from richmap.motion.kinematics import way_about_z
 from richmap.physics.convex_parts import parts_fingerprint
 from richmap.robots.robot import RobotDescription
 

@@ -1,7 +1,6 @@
 """What a task asks of an arm."""
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -28,11 +27,6 @@ class TaskPoses:
     share_done: str | None = None
     """How much of the task an arm does from its posture, a number from 0 to 1 by which a posture is found: a function
     of the `PlacedArm`, as `module:name`. None for the share of the poses that it follows."""
-
-    def key(self) -> dict[str, Any]:
-        """What a posture that is found depends on, as plain values."""
-        told = {name: value for name, value in asdict(self).items() if name != "branch"}
-        return {name: value for name, value in told.items() if value is not None}
 
     def points(self) -> Float[np.ndarray, "n 2"]:
         """The poses' xy, in [m] in the world."""

@@ -21,8 +21,9 @@ from richmap.files import FileRefusedError
 from richmap.geometry.grid import Grid
 from richmap.maps.insertion import Inserter
 from richmap.maps.reachability_map import Construction, ReachabilityMap
+from richmap.motion.kinematics import way_about_z
 from richmap.motion.kinematics_check import check_kinematics
-from richmap.motion.sampling import Orbits, roll_gap, sample_workspace, way_about_z
+from richmap.motion.sampling import Orbits, roll_gap, sample_workspace
 from richmap.robots.robot import RobotDescription
 from richmap.worker import start_worker, worker_pool
 

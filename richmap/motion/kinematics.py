@@ -33,6 +33,18 @@ def joint_frames(robot: RobotDescription) -> Float[np.ndarray, "dof1 3 4"]:
     return np.stack([transform.homogeneous[:3] for transform in chain])
 
 
+def way_about_z(robot: RobotDescription) -> tuple[int, tuple[float, float]]:
+    """How joint 1 turns the arm, seen from above, and about which point of the base frame's xy plane, in [m].
+
+    1 is counter-clockwise, -1 clockwise, and 0 about an axis that is not parallel to the base frame's z axis.
+    """
+    first = joint_frames(robot)[0]  # the frame whose z axis is joint 1's
+    if not np.allclose(first[:2, 2], 0, atol=1e-5):
+        return 0, (0.0, 0.0)
+    on_axis = np.allclose(first[:2, 3], 0, atol=1e-5)
+    return round(first[2, 2]), (0.0, 0.0) if on_axis else (float(first[0, 3]), float(first[1, 3]))
+
+
 def z_to_axis(joint: pinocchio.JointModel) -> pinocchio.SE3:
     """The turn that takes the z axis to the joint's axis, in the joint's frame."""
     data = joint.createData()

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from richmap.motion.collision import self_collision
 from richmap.motion.ground import lowest_points
-from richmap.motion.kinematics import flange_frames, joint_frames
+from richmap.motion.kinematics import flange_frames, joint_frames, way_about_z
 from richmap.robots.robot import RobotDescription
 
 
@@ -98,18 +98,6 @@ def within_limits(robot: RobotDescription, angle: Float[np.ndarray, " n"]) -> Bo
     """Whether joint 1 reaches each angle, in [rad], perhaps some full turns away."""
     lower, upper = robot.lower[0], robot.upper[0]
     return (angle - lower) % (2 * np.pi) <= upper - lower
-
-
-def way_about_z(robot: RobotDescription) -> tuple[int, tuple[float, float]]:
-    """How joint 1 turns the arm, seen from above, and about which point of the base frame's xy plane, in [m].
-
-    1 is counter-clockwise, -1 clockwise, and 0 about an axis that is not parallel to the base frame's z axis.
-    """
-    first = joint_frames(robot)[0]  # the frame whose z axis is joint 1's
-    if not np.allclose(first[:2, 2], 0, atol=1e-5):
-        return 0, (0.0, 0.0)
-    on_axis = np.allclose(first[:2, 3], 0, atol=1e-5)
-    return round(first[2, 2]), (0.0, 0.0) if on_axis else (float(first[0, 3]), float(first[1, 3]))
 
 
 def roll_gap(robot: RobotDescription) -> float | None:

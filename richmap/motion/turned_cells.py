@@ -7,8 +7,7 @@ import numba
 import numpy as np
 from jaxtyping import Float, Int
 
-from richmap.motion.kinematics import flange_frames
-from richmap.motion.sampling import way_about_z
+from richmap.motion.kinematics import flange_frames, way_about_z
 from richmap.robots.robot import RobotDescription
 
 FREE_TURN = np.radians(300)

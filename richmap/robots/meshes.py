@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from richmap.robots.origin import number_text
 from richmap.robots.packages import named_file
 from richmap.robots.shape import Shape
+from richmap.robots.urdf import number_text
 
 LARGEST = 5.0
 """A link that is longer than this, in [m], has a mesh in other units."""

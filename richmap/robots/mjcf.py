@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from richmap.robots.contacts import Pairs
-from richmap.robots.origin import add_origin, number_text
+from richmap.robots.origin import add_origin
+from richmap.robots.urdf import number_text
 
 _GEOM = mujoco.mjtGeom
 _JOINT_TYPE = {mujoco.mjtJoint.mjJNT_SLIDE: "prismatic", mujoco.mjtJoint.mjJNT_BALL: "floating",

@@ -5,6 +5,8 @@ import xml.etree.ElementTree as ET
 import numpy as np
 from jaxtyping import Float
 
+from richmap.robots.urdf import number_text
+
 
 def pose_of(element: ET.Element) -> Float[np.ndarray, "4 4"]:
     """The `<origin>` of an element: from its frame to its parent's, lengths in [m]; the identity without one.
@@ -33,11 +35,6 @@ def add_fixed(root: ET.Element, name: str, parent: str, child: str, pose: Float[
     add_origin(joint, pose)
     ET.SubElement(joint, "parent", link=parent)
     ET.SubElement(joint, "child", link=child)
-
-
-def number_text(numbers: Float[np.ndarray, "..."]) -> str:
-    """Numbers as attributes hold them."""
-    return " ".join(repr(float(x)) for x in numbers)
 
 
 def _roll_pitch_yaw(turn: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:

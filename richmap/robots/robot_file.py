@@ -33,7 +33,7 @@ How it does tasks:
 import importlib.metadata
 import math
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +105,12 @@ class RobotFile:
             raise ValueError(f"{path} is no arm's file: {error}") from error
         return cls(path, said, branches, settings, scale)
 
+    @cached_property
+    def scaled(self) -> RobotDescription:
+        """The arm in the metres of a task that is made smaller for it."""
+        return self.description.in_units_of(self.scale)
+
+    @cached_property
     def description(self) -> RobotDescription:
         """The arm.
 

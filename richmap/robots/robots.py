@@ -20,11 +20,10 @@ def robot_file(name: str) -> RobotFile:
     return RobotFile.read(Path(__file__).with_name(f"{name}.yaml"))
 
 
-@lru_cache
 def load_robot(name: str) -> RobotDescription:
     """Description of one of the arms that ship.
 
     Raises:
         ValueError: If there is no robot of that name.
     """
-    return robot_file(name).description()
+    return robot_file(name).description

@@ -5,8 +5,7 @@ import xml.etree.ElementTree as ET
 from copy import deepcopy
 
 import numpy as np
-
-from richmap.robots.origin import number_text
+from jaxtyping import Float
 
 _LENGTHS = {
     "origin": ("xyz",), "box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "mesh": ("scale",),
@@ -75,6 +74,11 @@ def multiply_masses(root: ET.Element, of_mass: float, of_inertia: float) -> None
         _multiply(element, ("value",), of_mass)
     for element in root.iter("inertia"):
         _multiply(element, _INERTIA, of_inertia)
+
+
+def number_text(numbers: Float[np.ndarray, "..."]) -> str:
+    """Numbers as attributes hold them."""
+    return " ".join(repr(float(x)) for x in numbers)
 
 
 def _multiply(element: ET.Element, names: tuple[str, ...], factor: float) -> None:

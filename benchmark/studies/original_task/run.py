@@ -169,7 +169,7 @@ def rollouts_of(
     console: "Console",
 ) -> "list[Rollout]":
     """One for each arm, base, lambda and policy; an arm's at one base follow each other, as they share a simulation."""
-    from benchmark.rollouts.make_rollout import make_condition
+    from benchmark.rollouts.make_condition import make_condition
     from benchmark.rollouts.rollout import Rollout
     from benchmark.studies.original_task.task import NAME, VERSION, original_arm, original_task
     from richmap.similarity.load_field import load_field
@@ -185,7 +185,7 @@ def rollouts_of(
                 method, used = ("paper", file) if scale else ("direct", None)
                 field = None if used is None else load_field(used)
                 for checkpoint in checkpoints:
-                    condition = make_condition(run, arm, method, scale, checkpoint, field)
+                    condition = make_condition(run, task, arm, method, scale, checkpoint, field)
                     condition = replace(condition, task=NAME, episode_version=VERSION)
                     rollouts.append(Rollout(task, arm, condition, checkpoint, used, kind="energy" if used else None))
     return rollouts
