@@ -28,16 +28,16 @@ class LearnValueConfig:
     recipe: str = USUAL
     """What the policies that act learned from (see benchmark.run)."""
     seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
-    """Training seeds of the policies that act in the imagined episodes."""
-    scenes: int = 600
+    """Training seeds of the policies that act in the imagined episodes, in each scene another one."""
+    scenes: int = 2000
     """Scenes of each round, every fifth of which is not learnt from; they are drawn from seeds from 60000 to 99999."""
-    each: int = 2
-    """Episodes of each policy in each scene; a whole number >= 1."""
+    each: int = 1
+    """Episodes in each scene, by one policy after another; a whole number >= 1."""
     rounds: int = 0
     """Further rounds, each of as many scenes, in which the value learnt before chooses; a whole number >= 0."""
     samples: int = 16
     """Chunks of which it chooses one then; a whole number >= 1."""
-    steps: int = 700
+    steps: int = 100
     """Of training; a whole number >= 1."""
     seed: int = 0
     """Of training, a whole number >= 0."""
@@ -52,7 +52,8 @@ class LearnValueConfig:
         check_setting(task.name == "press_buttons" and task.model is not None, "task", self.task, "press_buttons")
         check_setting(self.setting in SETTINGS, "setting", self.setting, ", ".join(SETTINGS))
         check_recipe(self.recipe)
-        check_setting(bool(self.seeds), "seeds", self.seeds, "one training seed or more, as in seeds=[42]")
+        own = bool(self.seeds) and len({*self.seeds}) == len(self.seeds)
+        check_setting(own, "seeds", self.seeds, "different training seeds, as in seeds=[42,43]")
         for name in ("each", "samples", "steps", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         for name in ("rounds", "seed"):

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 KIND, VERSION = "benchmark.ImaginedMoments", 1
 """Of the files, raised by hand when the same settings give other moments."""
-SCENES_OF_PART = 50
+SCENES_OF_PART = 150
 """Scenes whose episodes are in one file."""
 EVERY = 3
 """Steps of an episode between two moments that are kept; the first one is drawn."""
@@ -44,11 +44,11 @@ class Part:
     task: Task
     arm: "PlacedArm"
     checkpoints: tuple[Path, ...]
-    """Of the policies that act, one after another."""
+    """Of the policies that act: in each scene another one than in the one before."""
     scenes: range
     """Seeds."""
     each: int
-    """Episodes of each policy in each scene."""
+    """Episodes in each scene, each by the policy after the one before."""
     value: Path | None
     """By what chunks are chosen; None for the unchanged policy."""
     samples: int
@@ -89,14 +89,14 @@ def joined(moments: Sequence[Recorded]) -> Recorded:
 
 
 def imagine(part: Part) -> None:
-    """Imagine a part's episodes with each policy, and store their moments."""
-    model = _model(part.task, part.arm)
-    scenes = [scene for scene in part.scenes for _ in range(part.each)]
-    played = []
+    """Imagine a part's episodes, those of each policy side by side, and store their moments."""
+    model, played = _model(part.task, part.arm), []
+    episodes = [(scene, k) for scene in part.scenes for k in range(part.each)]
     for number, checkpoint in enumerate(part.checkpoints):
-        first = number * part.each
-        seeds = [1000 * scene + first + k for scene in part.scenes for k in range(part.each)]
-        played.append(_played(part, model, _policy(checkpoint), scenes, seeds))
+        of_policy = [each for each in episodes if sum(each) % len(part.checkpoints) == number]
+        if of_policy:
+            seeds = [1000 * scene + k for scene, k in of_policy]
+            played.append(_played(part, model, _policy(checkpoint), [scene for scene, _ in of_policy], seeds))
     save_arrays(part.file, KIND, VERSION, joined(played), {})
 
 

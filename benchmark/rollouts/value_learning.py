@@ -38,7 +38,7 @@ class Learning:
     scenes: int
     """Of each round."""
     each: int
-    """Episodes of each policy in each scene."""
+    """Episodes in each scene."""
     rounds: int
     """After the first one."""
     samples: int

@@ -57,7 +57,7 @@ class ChunkByValue(Guidance):
     def imagine(self, environment: Float[Tensor, "b t rest"], state: Float[Tensor, "b state"]) -> Tensor:
         self._scene = environment[:, -1]
         for i, row in self._rows.items():
-            seen = np.array(state[i].double().cpu())
+            seen = state[i].double().cpu().numpy().copy()
             if np.array_equal(row.state, seen):
                 continue  # Its episode is over.
             if len(row.state):

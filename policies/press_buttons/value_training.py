@@ -12,9 +12,9 @@ from policies.press_buttons.value import ButtonValue, Moments
 
 BATCH = 512
 """Moments in a step of training."""
-RATE, DECAY = 1e-3, 1e-2
+RATE, DECAY = 1e-3, 1e-1
 """Rate of learning, which falls to 0 along half a cosine, and decay of the weights (AdamW)."""
-LOOK_EVERY = 50
+LOOK_EVERY = 25
 """Steps between two looks at the moments that were held out."""
 
 
