@@ -179,6 +179,7 @@ def test_the_arm_and_the_time_are_kept_track_of(model):
 
 
 def test_with_one_sample_it_acts_as_the_policy_alone(arm, model):
+    import policies.configuration_guided_push  # noqa: F401, registers our type
     from benchmark.rollouts.checked_policy import checked_config, checked_policy
 
     policy = checked_policy(POLICY, checked_config(POLICY)).eval()
