@@ -1,6 +1,6 @@
 """What guidance may imagine episodes with: a model of the task and of the arm, which whoever plays the task brings."""
 
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -31,6 +31,10 @@ class Imagined(Protocol):
     def is_free(self, row: int) -> bool:
         """Whether nothing on its way stops it."""
 
+    def achieved(self, row: int) -> tuple[int, int]:
+        """How many parts of the task are done when something stops it, or at its end, and after how many steps that
+        is."""
+
 
 @runtime_checkable
 class EpisodeModel(Protocol):
@@ -44,6 +48,9 @@ class EpisodeModel(Protocol):
 
     def start(self) -> Float[np.ndarray, " dof"]:
         """Joint angles at the start of an episode, in [rad]."""
+
+    def opening(self, scene: Any) -> tuple[Float[np.ndarray, " state"], Float[np.ndarray, " rest"]]:
+        """What is seen of a scene (`envs.task.Task.draw_scene`) when an episode begins."""
 
     def track(self, joints: Float[np.ndarray, " dof"], state: Float[np.ndarray, " state"]) -> np.ndarray:
         """Joint angles by what is seen, and what they were a step before."""

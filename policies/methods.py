@@ -19,6 +19,7 @@ FIELD_NEEDS = {
     "witness": ("source's map", "target's map"),
     "coverage": ("target's map",),
     "feasibility": ("arm's description",),
+    "value": ("arm's description",),
 }
 """What each kind of field is made of."""
 SIMULATOR = "simulator (privileged)"
@@ -38,8 +39,8 @@ class Method:
     """What it does, in a few words."""
     field: str | None
     """What it looks at: `energy` (similarity to the source), `feasibility` (what the arm can hold), `coverage` (the
-    approach directions that the arm's map has at each place), `witness` (those that the source has and it lacks), or
-    None."""
+    approach directions that the arm's map has at each place), `witness` (those that the source has and it lacks),
+    `value` (what was learnt of how episodes end on the arm), or None."""
     scale: str
     """What its scale, `lambda`, is, with its unit."""
     first: float
@@ -333,6 +334,17 @@ METHODS = {
             counts=True,
             imagines=True,
             also_needs=("arm's description",),
+        ),
+        Method(
+            name="value_on_arm",
+            entry_point="policies.press_buttons.value_choice:value_on_arm",
+            text="the sample after which the task is done most likely, as was learnt from imagined episodes on the arm",
+            field="value",
+            scale=_SAMPLES,
+            first=2.0,
+            counts=True,
+            imagines=True,
+            task="press_buttons",
         ),
         Method(
             name="dynaguide_feasibility",

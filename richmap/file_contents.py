@@ -140,6 +140,12 @@ def _convex_parts(arrays: Arrays, about: dict[str, str]) -> None:
         _check_range(_array(arrays, name, "<f4", None, 3), name, -FAR, FAR)
 
 
+def _arm_value(arrays: Arrays, about: dict[str, str]) -> None:
+    _check_numbers(about, dict.fromkeys(("target", "arm", "fingerprint"), str))
+    for name in arrays:
+        _check_range(_array(arrays, name, "<f4", *arrays[name].shape), name, -LARGEST_VALUE, LARGEST_VALUE)
+
+
 CONTENTS: dict[str, Callable[[Arrays, dict[str, str]], None]] = {
     "richmap.ReachabilityMap": _reachability_map,
     "richmap.CapabilityMap": _capability_map,
@@ -152,6 +158,7 @@ CONTENTS: dict[str, Callable[[Arrays, dict[str, str]], None]] = {
     "richmap.DirectionalCoverage": _directional_field,
     "richmap.DirectionalDistance": _directional_field,
     "richmap.ConvexParts": _convex_parts,
+    "richmap.ArmValue": _arm_value,
 }
 """Of each kind what checks it."""
 

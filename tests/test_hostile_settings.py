@@ -41,6 +41,10 @@ REFUSED = {
     ],
     "train": ["threads=100000", "batch_size=100000000", "keep=[1000,1000]"],
     "collect": ["episodes=1000000000", "workers=10000", "output_dir="],
+    "learn_value": [
+        "scenes=5", "scenes=50000", "scenes=20000 rounds=2", "rounds=-1", "each=0", "task=block_push",
+        "output_dir=/proc", "seeds=[]", "seeds=[42,42]", "workers=10000", "arm.base=[1,2]",
+    ],
     "enter": ["robots=[]", "robots=[ur3,ur3]", "seeds=[]", "batch_size=1000000"],
     "scales": ["methods=[]", "methods=[paper,paper]", "seeds=[42,42]", "points=1000"],
     "source_policies": ["seeds=[]", "seeds=[42,42]", "candidates=[]"],

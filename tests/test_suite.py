@@ -266,6 +266,7 @@ def test_methods_say_what_they_need():
     assert needs["direct"] == () and needs["paper"] == ("source's map", "target's map")
     assert needs["projection"] == ("arm's description",) and needs["plan_of_any"] == ("a model of the task",)
     assert needs["plan_on_arm"] == ("arm's description", "a model of the task")
+    assert needs["value_on_arm"] == needs["plan_on_arm"]
     assert all(method.field is None or method.needs for method in METHODS.values())
 
 

@@ -19,9 +19,10 @@ MAKERS = {
     "feasibility": "benchmark.artifacts.distance_field:distance_field",
     "coverage": "benchmark.artifacts.maps:arm_coverage",
     "witness": "benchmark.artifacts.maps:arm_witness",
+    "value": "benchmark.artifacts.arm_values:arm_value",
 }
 """What makes each kind (`policies.methods.Method.field`): called with the arm, settings of maps and of the energy, the
-number of processes, and the console, it gives the field and its file."""
+number of processes, and the console, it gives the field and its file. A value alone is not made but looked for."""
 
 
 MAPS = {

@@ -54,7 +54,7 @@ def make_condition(
         checkpoint=source.name,
         checkpoint_hash=source.policy_hash,
         field_fingerprint=field.about["fingerprint"] if field else "",
-        cell_size=field.grid.cell_size if field else math.nan,
+        cell_size=field.grid.cell_size if field and field.grid else math.nan,
         batch_size=config.batch_size,
         device=device,
         commit=commit(),

@@ -4,6 +4,8 @@ from benchmark.settings.setting import SettingError, check_setting
 
 VALIDATION = range(50_000, 60_000)
 """For every choice: of conditions, bases, scales, versions of methods."""
+IMAGINED = range(60_000, 100_000)
+"""Of imagined episodes, from which values of arms are learnt: nothing is rolled out on them."""
 PAPER = range(100_000, 100_050)
 """The paper's, which were looked at often: what is shown on them is called exploratory."""
 TABLES = range(150_000, 150_100)

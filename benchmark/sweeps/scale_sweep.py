@@ -180,7 +180,8 @@ def guided(direct: "Rollout", by: Swept, scale: float) -> "Rollout":
     version = by.guidance.version if by.guidance else ""
     condition = replace(direct.condition, method=by.name, guidance_scale=scale, entry_hash=version)
     if by.field is not None:
-        fingerprint, cell_size = by.field.about["fingerprint"], by.field.grid.cell_size
+        fingerprint = by.field.about["fingerprint"]
+        cell_size = by.field.grid.cell_size if by.field.grid else math.nan
         condition = replace(condition, field_fingerprint=fingerprint, cell_size=cell_size)
     return replace(direct, field=by.path, kind=by.kind, condition=condition, guidance=by.guidance)
 

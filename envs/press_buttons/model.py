@@ -11,9 +11,9 @@ from jaxtyping import Bool, Float
 
 from envs.arm.placed_arm import PlacedArm
 from envs.press_buttons.motion import advance_all, advance_ideal, follow
-from envs.press_buttons.scene import PAIRS
+from envs.press_buttons.scene import PAIRS, Scene
 from envs.press_buttons.twin import KinematicTwin, ToolKinematics
-from envs.press_buttons.workspace import MAX_EPISODE_STEPS, TRAVEL
+from envs.press_buttons.workspace import MAX_EPISODE_STEPS, START, TRAVEL
 from richmap.motion.kinematics import forward
 from richmap.task_spaces.press_buttons import BUTTONS, LAST, NORMAL, PLACE, PRESS_BUTTONS_SPACE, PRESSED, ROD
 from richmap.task_spaces.way import Way
@@ -51,6 +51,12 @@ class PressModel:
     def start(self) -> Float[np.ndarray, " dof"]:
         """Joint angles at the start of an episode, in [rad]; none without an arm."""
         return np.empty(0) if self._tool is None else self._tool.start
+
+    def opening(self, scene: Scene) -> tuple[Float[np.ndarray, "12"], Float[np.ndarray, "32"]]:
+        """What is seen of a scene when an episode begins: the tool at the start, and no button pressed."""
+        tool = np.array([*START, 0.0, 0.0, -1.0])
+        buttons = np.column_stack([scene.places, scene.normals, np.zeros((BUTTONS, 2))])
+        return PRESS_BUTTONS_SPACE.split(np.concatenate([tool, tool, buttons.ravel()]))
 
     def track(self, joints: Float[np.ndarray, " dof"], state: Float[np.ndarray, "12"]) -> Float[np.ndarray, " dof"]:
         """Where the joints are now, in [rad], by where the tool is seen and where they were a step ago."""
@@ -147,7 +153,7 @@ class ImaginedPresses:
             for q, tip, approach in zip(self._joints, self._tip, self._approach, strict=True):
                 forward(tool.frames, q, tip, turned)
                 approach[:] = turned[:, 2]
-        self._path = [self._now()]
+        self._path, self._counts = [self._now()], [self._pressed.sum(1)]
         self._ended = np.full(len(joints), -1)
         self._free: dict[int, bool] = {}
 
@@ -163,6 +169,7 @@ class ImaginedPresses:
                 self._tip, self._approach, *where,
             )  # fmt: skip
         self._path.append(self._now())
+        self._counts.append(self._pressed.sum(1))
         self.state[:, STATE["tool"]] = np.hstack([self._tip, self._approach])
         self.state[:, STATE["commanded"]] = np.hstack([self._command, self._direction])
         buttons = self.environment.reshape(len(self.state), BUTTONS, -1)
@@ -198,6 +205,16 @@ class ImaginedPresses:
         if row not in self._free:
             self._free[row] = self._twin is None or self._is_free(self._twin, row)
         return self._free[row]
+
+    def achieved(self, row: int) -> tuple[int, int]:
+        """How many buttons are pressed in a row when its arm first touches what stops it, or at its end, and after how
+        many steps that is. The rod may touch any button, as in the environment."""
+        way, end = self._way(row), None
+        if self._twin is not None:
+            of_all = self._places[row], self._normals[row], way[:, 6:], tuple(range(BUTTONS))
+            end = self._twin.first_touch(*of_all)
+        end = len(way) - 1 if end is None else end
+        return int(self._counts[end][row]), end
 
     def _is_free(self, twin: KinematicTwin, row: int) -> bool:
         pressed = tuple(np.flatnonzero(self._pressed[row]).tolist())

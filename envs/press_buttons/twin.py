@@ -96,15 +96,25 @@ class KinematicTwin:
     ) -> bool:
         """Whether in one of these configurations a link touches another, the table or a button, or the rod a button
         that is not to be pressed; links only where self-collision binds."""
+        return self.first_touch(places, normals, joints, pressed) is not None
+
+    def first_touch(
+        self,
+        places: Float[np.ndarray, "4 3"],
+        normals: Float[np.ndarray, "4 3"],
+        joints: Float[np.ndarray, "n dof"],
+        pressed: tuple[int, ...],
+    ) -> int | None:
+        """The number of the first of these configurations in which something touches so, from 0 on; None for none."""
         model, data = self._model
         data.mocap_pos[:], data.mocap_quat[:] = places, [turn_to(normal) for normal in normals]
-        for q in joints:
+        for number, q in enumerate(joints):
             data.qpos[:] = q
             mujoco.mj_kinematics(model, data)
             mujoco.mj_collision(model, data)
             if data.ncon and any(self._is_wrong(pair, pressed) for pair in data.contact.geom.tolist()):
-                return True
-        return False
+                return number
+        return None
 
     def can_press(
         self, places: Float[np.ndarray, "4 3"], normals: Float[np.ndarray, "4 3"], pair: tuple[int, int]

@@ -5,17 +5,19 @@ from pathlib import Path
 
 from richmap.files import FileRefusedError, reading, texts_of
 from richmap.geometry.grid import Grid
+from richmap.similarity.arm_value import ArmValue
 from richmap.similarity.directional import DirectionalCoverage, DirectionalEnergy
 from richmap.similarity.energy import EnergyField
 from richmap.similarity.signed_distance import SignedDistanceField
 
-StoredField = EnergyField | SignedDistanceField | DirectionalCoverage | DirectionalEnergy
+StoredField = EnergyField | SignedDistanceField | DirectionalCoverage | DirectionalEnergy | ArmValue
 """What guidance may be made with."""
 FIELDS: dict[str, type[StoredField]] = {
     "energy": EnergyField,
     "feasibility": SignedDistanceField,
     "coverage": DirectionalCoverage,
     "witness": DirectionalEnergy,
+    "value": ArmValue,
 }
 """By the name that settings and entries have for them."""
 
