@@ -28,6 +28,8 @@ def register(schema: type, name: str) -> None:
     """
     OmegaConf.register_new_resolver("chosen", _chosen, replace=True)
     store, plain, choices = ConfigStore.instance(), as_typed(schema), choices_of(schema)
+    for group in [name for name, node in store.repo.items() if isinstance(node, dict) and name != "hydra"]:
+        del store.repo[group]  # Of a command that this process ran before: here it can be a setting.
     for group, values in choices.items():
         for value in values:
             store.store(group=group, name=value, node={"name": value})
