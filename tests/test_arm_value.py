@@ -96,7 +96,7 @@ def test_without_a_value_of_this_arm_the_command_is_named(arm, tmp_path, monkeyp
     a_value(arm).save(value_file(arm))
     value, file = arm_value(arm, None, None, 1, None)
     assert file == value_file(arm) and value.about["arm"] == arm_key(arm)
-    nearer = place_arm("ur3", POSES, base=(0.1, 0.0, 0.0))
+    nearer = replace(arm, base=(0.1, 0.0, 0.0))
     assert value_file(nearer) != value_file(arm)
     a_value(arm).save(value_file(nearer))
     with pytest.raises(SettingError, match=f"is of ur3, or of an arm that stands otherwise. .*{line}"):
@@ -122,7 +122,7 @@ def test_the_order_of_buttons_changes_nothing():
 
 def test_what_can_be_learnt_is_learnt_and_the_same_seed_gives_the_same_bytes(arm):
     (moments, ends), (held, held_ends) = some_moments(2000), some_moments(500, seed=1)
-    made = [learn(moments, ends, held, held_ends, seed, 100) for seed in (0, 0, 1)]
+    made = [learn(moments, ends, held, held_ends, seed, 60) for seed in (0, 0, 1)]
     same, again, other = (as_value(network, {}).weights for network in made)
     assert all(same[name].tobytes() == again[name].tobytes() for name in same)
     assert any(same[name].tobytes() != other[name].tobytes() for name in same)
