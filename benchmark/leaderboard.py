@@ -43,6 +43,7 @@ def main(config: LeaderboardConfig) -> None:
     from benchmark.scoring.leaderboard_text import markdown
     from benchmark.scoring.oracle_scores import with_oracles
     from benchmark.scoring.ranking import counted, leaderboard, protocols_of
+    from benchmark.scoring.suite_table import rankings
     from richmap.progress import progress_bar
 
     folder, task, tables = Path(config.output_dir), chosen_task(config.task), {}
@@ -65,7 +66,8 @@ def main(config: LeaderboardConfig) -> None:
             f"recipe={config.recipe}. For a table of any other rows: python -m benchmark.show table={folder}"
         )
     board = recipe_folder(folder if config.task == LeaderboardConfig.task else folder / task.name, config.recipe)
-    text, html = markdown(task, tables, config.recipe), page(task, tables, board / "figures", config.recipe)
+    ranked = rankings(folder, episodes, task) if config.recipe == USUAL else {}
+    text, html = markdown(task, tables, config.recipe, ranked), page(task, tables, board / "figures", config.recipe)
     for file, content in ((board / "LEADERBOARD.md", text), (board / "leaderboard.html", html)):
         with replacing(file) as path:
             path.write_text(content)

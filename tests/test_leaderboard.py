@@ -270,6 +270,13 @@ def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(
     assert "pull-back" not in (tmp_path / "LEADERBOARD.md").read_text()
 
 
+def test_the_ranking_of_a_suite_comes_first(boards):
+    boards = {protocol: with_oracles(table, pd.DataFrame()) for protocol, table in boards.items()}
+    text = markdown(boards, ranked={"push-v1": "| rank |"})
+    assert text.index("### Suite `push-v1`\n\n| rank |") < text.index("## Protocol `paper`")
+    assert "Suite" not in markdown(boards)
+
+
 @pytest.mark.parametrize("protocol", PROTOCOLS, ids=lambda protocol: protocol.name)
 def test_what_is_run_by_a_protocol_is_what_counts(protocol):
     given = OmegaConf.load(CONF / "protocol" / f"{protocol.name}.yaml")

@@ -1,5 +1,6 @@
 """The leaderboard as a document."""
 
+from collections.abc import Mapping
 from itertools import chain
 from typing import Any
 
@@ -20,9 +21,14 @@ TEXT = """# Leaderboard
 
 Made by `python -m benchmark.leaderboard{setting}` from the stored episodes alone. With filters, curves and moving
 pictures: [`leaderboard.html`](leaderboard.html).
-
-{policies}
 """
+
+RANKED_TEXT = """## Which method gains most
+
+The share of head-room is what a method gains over direct transfer, divided by what the frozen ceiling gains, over the
+conditions of a suite that are not saturated; in percent, with a 95 % interval for other trainings and other scenes.
+docs/protocol.md says what the other columns are, and docs/methods.md what the methods do. `python -m benchmark.show
+suite=push-v1` shows each condition."""
 
 HOW_TO_READ = """- **Episodes**: the scenes of a protocol (docs/protocol.md), the same for all arms, methods and scales.
 - **Scores**, in percent: {scores}.
@@ -80,14 +86,20 @@ def mechanism_text(task: Task) -> str:
     return f"In percent, then the difference to direct transfer in points. {task.traits_text}"
 
 
-def markdown(task: Task, tables: dict[Protocol, pd.DataFrame], recipe: str = USUAL) -> str:
-    """The leaderboards of all protocols as one document, of the policies of a recipe."""
+def markdown(
+    task: Task, tables: dict[Protocol, pd.DataFrame], recipe: str = USUAL, ranked: Mapping[str, str] | None = None
+) -> str:
+    """The leaderboards of all protocols as one document, of the policies of a recipe; first, by the suite's name, how
+    its methods rank (`suite_table.rankings`)."""
     given = [
         "",
         *([f"task={task.name}"] if task.name != TASK else []),
         *([f"recipe={recipe}"] if recipe != USUAL else []),
     ]
-    parts = [TEXT.format(setting=" ".join(given), policies=policies_text(task, recipe)) + how_to_read(task)]
+    parts = [TEXT.format(setting=" ".join(given))]
+    if ranked:
+        parts += [RANKED_TEXT, *chain(*((f"### Suite `{suite}`", text) for suite, text in ranked.items()))]
+    parts += ["## How to read the tables below", policies_text(task, recipe) + "\n" + how_to_read(task)]
     for protocol, table in tables.items():
         table = in_order(table, protocol)
         parts += [f"## Protocol `{protocol.name}`", PROTOCOL_TEXTS[protocol.name]]

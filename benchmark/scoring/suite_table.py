@@ -1,17 +1,19 @@
 """What methods come to on each condition of a suite, and all that is shown of one."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.episodes.arm import of_arm
-from benchmark.scoring.ceiling import Ceiling
+from benchmark.episodes.arm import of_arm, suite_arms
+from benchmark.scoring.ceiling import Ceiling, read_ceilings
 from benchmark.scoring.statistics import Crossed, clustered_mean
 from benchmark.scoring.suite_ranking import method_pairs, ranking_text, remarks, suite_ranking
 from benchmark.settings.config import ConditionConfig
 from benchmark.settings.scenes import TABLES
 from benchmark.settings.setting import SettingError
+from benchmark.settings.suite import suite_conditions, suite_task, suites
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -90,6 +92,48 @@ def suite_text(table: "pd.DataFrame", task: "Task") -> str:
     return pd.DataFrame(lines).to_markdown(index=False, disable_numparse=True)
 
 
+def ranking_lines(
+    tables: "Mapping[str, pd.DataFrame]",
+    suite: str,
+    conditions: Mapping[str, ConditionConfig],
+    ceilings: Mapping[str, Ceiling],
+    task: "Task",
+) -> list[str]:
+    """One number for each method on a suite, as a table for people, and what has to be said of it.
+
+    Args:
+        tables: Rows of each condition (`by_condition`).
+        suite: Its name.
+        conditions: Its conditions.
+        ceilings: Of these, frozen.
+        task: What the rows are of.
+    """
+    pairs = method_pairs(tables, conditions, ceilings, task)
+    if pairs.empty:
+        return []
+    counted = [name for name, condition in conditions.items() if not condition.saturated]
+    ranking = suite_ranking(pairs, counted)
+    return list(filter(None, [ranking_text(ranking), *remarks(ranking, suite, counted, ceilings)]))
+
+
+def rankings(folder: Path, rows: "pd.DataFrame", task: "Task") -> dict[str, str]:
+    """How methods rank on each suite of a task, by its name: Markdown of `ranking_lines`, of the scenes for tables.
+
+    Args:
+        folder: Ceilings are frozen in `suites/<suite>/ceilings.json` below it; suites without any are left out, and so
+            are those of which all conditions are saturated.
+        rows: Of episodes.
+        task: What they are of.
+    """
+    rows, found = rows[rows.episode_seed.isin(TABLES)], {}
+    for suite in (name for name in suites() if suite_task(name) == task.name):
+        ceilings, conditions = read_ceilings(folder / "suites" / suite / "ceilings.json"), suite_conditions(suite)
+        if ceilings and not all(condition.saturated for condition in conditions.values()):
+            tables = by_condition(rows, suite_arms(conditions, task))
+            found[suite] = "\n\n".join(ranking_lines(tables, suite, conditions, ceilings, task))
+    return found
+
+
 def show_suite(
     suite: str,
     conditions: Mapping[str, ConditionConfig],
@@ -119,9 +163,5 @@ def show_suite(
             f"These are no episodes of the conditions of suite={suite}. Roll them out: "
             f"python -m benchmark.run suite={suite} method=..."
         )
-    counted = [name for name, condition in conditions.items() if not condition.saturated]
-    texts, pairs = [], method_pairs(tables, conditions, ceilings, task)
-    if len(pairs):
-        ranking = suite_ranking(pairs, counted)
-        texts = [ranking_text(ranking), *remarks(ranking, suite, counted, ceilings)]
-    print("\n\n".join(filter(None, [*texts, suite_text(suite_table(tables, conditions, ceilings, task), task)])))
+    texts = ranking_lines(tables, suite, conditions, ceilings, task)
+    print("\n\n".join([*texts, suite_text(suite_table(tables, conditions, ceilings, task), task)]))

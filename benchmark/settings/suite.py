@@ -11,6 +11,11 @@ from benchmark.settings.setting import SettingError
 SUITES = CONF / "suite"
 
 
+def suites() -> list[str]:
+    """Names of all suites."""
+    return sorted(file.stem for file in SUITES.glob("*.yaml"))
+
+
 def suite_conditions(name: str) -> dict[str, ConditionConfig]:
     """The conditions of a suite by their names, in the order in which they are shown.
 
@@ -34,7 +39,6 @@ def suite_task(name: str) -> str:
 
 
 def _suite(name: str) -> DictConfig:
-    there = sorted(file.stem for file in SUITES.glob("*.yaml"))
-    if name not in there:
-        raise SettingError(f"suite={name} is not allowed. Allowed: {', '.join(there)}.")
+    if name not in suites():
+        raise SettingError(f"suite={name} is not allowed. Allowed: {', '.join(suites())}.")
     return cast(DictConfig, OmegaConf.load(SUITES / f"{name}.yaml"))
