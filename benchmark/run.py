@@ -26,15 +26,16 @@ def main(config: RunConfig) -> None:
     from benchmark.scoring.ceiling import ceilings_file, read_ceilings
     from benchmark.scoring.report import print_report
     from benchmark.scoring.suite_table import show_suite
-    from benchmark.sweeps.chosen_players import chosen_players
+    from benchmark.sweeps.chosen_players import chosen_checkpoints, chosen_players
     from benchmark.sweeps.experiment_log import log_run
 
     console = Console()
     if note := note_on_tuning(config):
         console.print(note)
     task = chosen_task(config.task)
+    checkpoints = chosen_checkpoints(config)
     arms = chosen_arms(config, task)
-    players = chosen_players(config, task, arms.values(), console)
+    players = chosen_players(config, task, arms.values(), checkpoints, console)
     tables = play_and_store(players, config, console)
     if config.conditions:
         rows, ceilings = pd.concat(tables, ignore_index=True), read_ceilings(ceilings_file(config.suite))

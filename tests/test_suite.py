@@ -26,7 +26,7 @@ from benchmark.settings.scenes import PAPER, SEALED, TABLES, VALIDATION
 from benchmark.settings.setting import SettingError
 from benchmark.settings.suite import SUITES, suite_conditions
 from benchmark.studies.suite_candidates import verdict
-from benchmark.sweeps.chosen_players import chosen_players
+from benchmark.sweeps.chosen_players import chosen_checkpoints, chosen_players
 from envs.block_push.arm import block_push_arm
 from envs.block_push.task import BLOCK_PUSH
 from envs.press_buttons.task import PRESS_BUTTONS
@@ -59,7 +59,10 @@ def test_whoever_is_asked_for_plays_on_every_condition():
     for method, scale in (("plain_oracle", 0.0), ("direct", 0.0)):
         asked = RunConfig(method=method, guidance_scale=scale, seeds=[42], suite="push-v1", conditions=few)
         arms = chosen_arms(asked, BLOCK_PUSH)
-        played = [each.condition for each in chosen_players(asked, BLOCK_PUSH, arms.values(), Console(quiet=True))]
+        played = [
+            each.condition
+            for each in chosen_players(asked, BLOCK_PUSH, arms.values(), chosen_checkpoints(asked), Console(quiet=True))
+        ]
         assert [*arms] == [*few]
         assert [(each.robot, each.method) for each in played] == [("ur3", method), ("ur10", method)]
 

@@ -28,7 +28,7 @@ from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.robot_config import RobotConfig
-from benchmark.sweeps.chosen_players import chosen_players
+from benchmark.sweeps.chosen_players import chosen_checkpoints, chosen_players
 from benchmark.sweeps.job import guides_source, job_name
 from benchmark.sweeps.sweep import count_jobs
 from envs.block_push.task import BLOCK_PUSH
@@ -118,7 +118,9 @@ def scales(folder, **chosen):
 def with_scale(config):
     """The scale at which a run's settings guide."""
     arms = chosen_arms(config, BLOCK_PUSH).values()
-    return chosen_players(config, BLOCK_PUSH, arms, Console(quiet=True))[-1].condition.guidance_scale
+    return chosen_players(config, BLOCK_PUSH, arms, chosen_checkpoints(config), Console(quiet=True))[
+        -1
+    ].condition.guidance_scale
 
 
 def test_the_scale_is_the_one_chosen_for_the_task(tmp_path):

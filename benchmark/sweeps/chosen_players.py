@@ -12,6 +12,7 @@ from benchmark.settings.setting import SettingError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+    from pathlib import Path
 
     from rich.console import Console
 
@@ -21,19 +22,29 @@ if TYPE_CHECKING:
     from envs.task import Task
 
 
-def chosen_players(
-    config: RunConfig, task: "Task", arms: "Iterable[PlacedArm]", console: "Console"
-) -> "Sequence[Player]":
-    """Direct transfer, and then guidance at its scale, unless that is 0, on each arm with the policy of each training
-    seed of a suite's, or with the one policy; or a scripted oracle on each arm.
+def chosen_checkpoints(config: RunConfig) -> "list[Path]":
+    """The policy of each training seed of a suite's, or the one policy; none for a scripted oracle.
 
     Raises:
-        SettingError: If no scale was chosen, or a policy is not there or cannot be guided.
+        SettingError: If one is not there.
+    """
+    if config.method in ORACLE_METHODS.values():
+        return []
+    seeds = config.seeds if config.conditions else [config.seed]
+    return [chosen_checkpoint(replace(config, seed=seed)) for seed in seeds]
+
+
+def chosen_players(
+    config: RunConfig, task: "Task", arms: "Iterable[PlacedArm]", checkpoints: "Sequence[Path]", console: "Console"
+) -> "Sequence[Player]":
+    """Direct transfer, and then guidance at its scale, unless that is 0, on each arm with each policy; or a scripted
+    oracle on each arm.
+
+    Raises:
+        SettingError: If no scale was chosen, or a policy cannot be guided.
     """
     if config.method in ORACLE_METHODS.values():
         return [oracle_of(config.method, task, arm) for arm in arms]
-    seeds = config.seeds if config.conditions else [config.seed]
-    checkpoints = [chosen_checkpoint(replace(config, seed=seed)) for seed in seeds]
     return rollouts_of([Stage(config, task, arm, checkpoint, console) for arm in arms for checkpoint in checkpoints])
 
 

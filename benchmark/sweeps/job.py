@@ -82,12 +82,13 @@ def _rolled_out(job: RunConfig, workers: int, sweep: Path) -> "pd.DataFrame":
 
     from benchmark.episodes.arm import chosen_arms
     from benchmark.rollouts.missing_episodes import play_and_store
-    from benchmark.sweeps.chosen_players import chosen_players
+    from benchmark.sweeps.chosen_players import chosen_checkpoints, chosen_players
     from benchmark.sweeps.experiment_log import log_evaluation, log_field
 
     task = chosen_task(job.task)
     arms = chosen_arms(job, task).values()
-    players = chosen_players(job, task, arms, Console(force_terminal=False))  # Jobs share the terminal.
+    console = Console(force_terminal=False)  # Jobs share the terminal.
+    players = chosen_players(job, task, arms, chosen_checkpoints(job), console)
     scale = players[-1].condition.guidance_scale
     players = [player for player in players if player.condition.guidance_scale == scale]
     tables = play_and_store(players, replace(job, workers=workers), Console(quiet=True))
