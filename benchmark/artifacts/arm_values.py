@@ -11,12 +11,10 @@ if TYPE_CHECKING:
     from envs.arm.placed_arm import PlacedArm
     from richmap.similarity.arm_value import ArmValue
 
-DECIMALS = 6
-"""Of postures, in [rad]: one that was found differs in the last bits from processor to processor."""
-
 
 def arm_key(arm: "PlacedArm") -> str:
     """SHA-256 over everything of an arm that an imagined episode depends on."""
+    from envs.arm.found_posture import DECIMALS
     from richmap.cache import made_from
     from richmap.similarity.arm_value import ArmValue
 

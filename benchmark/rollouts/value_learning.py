@@ -53,8 +53,7 @@ class Learning:
 
     def about(self, rounds: int) -> dict[str, str]:
         """What the value after so many rounds is made of."""
-        policies = [Checkpoint(folder).policy_hash for folder in self.checkpoints]
-        how = {"policies": policies, "scenes": self.scenes, "each": self.each, "rounds": rounds}
+        how = {"policies": self.checkpoints_told, "scenes": self.scenes, "each": self.each, "rounds": rounds}
         how |= {"samples": self.samples if rounds else 1, "steps": self.steps, "seed": self.seed}
         return {"target": self.arm.robot, "arm": arm_key(self.arm), "learnt_from": json.dumps(how)}
 
