@@ -241,3 +241,20 @@ def test_lerobot_finds_the_environments_by_their_type(task, steps, words):
     assert vector.call("_max_episode_steps") == (steps,)
     assert vector.call("task_description") == (words,)
     vector.close()
+
+
+def test_environments_of_an_arm_do_not_disturb_each_other():
+    """They share a model, which is compiled once."""
+    steps = np.random.default_rng(3).uniform(-0.03, 0.03, (15, 2))
+    alone, first, second = (make("ur3").unwrapped for _ in range(3))
+    for env in (alone, first):
+        env.reset(seed=4)
+    second.reset(seed=5)
+    states = [alone.step(step)[0] for step in steps]
+    for i, step in enumerate(steps):
+        assert np.array_equal(first.step(step)[0], states[i])
+        if i < 10:
+            second.step(-step)
+        elif i == 10:
+            second.close()
+    assert first.physics[0] is alone.physics[0] and first.physics[1] is not alone.physics[1]

@@ -8,11 +8,11 @@ import pytest
 from richmap.motion.bounding_spheres import BoundingSpheres
 from richmap.motion.collision import SelfCollision, self_collision
 from richmap.physics.mujoco_model import arm_spec
-from richmap.robots import FITTED
 from richmap.robots.robots import load_robot
+from tests.eight_arms import EIGHT
 
 
-@pytest.fixture(params=FITTED)
+@pytest.fixture(params=EIGHT)
 def robot(request):
     return load_robot(request.param)
 

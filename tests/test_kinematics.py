@@ -4,8 +4,8 @@ import torch
 
 from richmap.motion.kinematics import flange_frames
 from richmap.motion.kinematics_check import check_kinematics
-from richmap.robots import FITTED
 from richmap.robots.robots import load_robot
+from tests.eight_arms import EIGHT
 
 
 def test_what_two_libraries_read_otherwise_is_said_in_metres(monkeypatch):
@@ -18,7 +18,7 @@ def test_what_two_libraries_read_otherwise_is_said_in_metres(monkeypatch):
     check_kinematics(load_robot("ur5"))
 
 
-@pytest.mark.parametrize("name", FITTED)
+@pytest.mark.parametrize("name", EIGHT)
 def test_agrees_with_pytorch_kinematics(name):
     robot = load_robot(name)
     joints = np.random.default_rng(1).uniform(robot.lower, robot.upper, (200, len(robot.joints)))

@@ -16,8 +16,8 @@ from richmap.motion.inverse_kinematics import (
 )
 from richmap.motion.kinematics import flange_frames
 from richmap.motion.reach import beyond_reach, reach_ball
-from richmap.robots import FITTED
 from richmap.robots.robots import load_robot
+from tests.eight_arms import EIGHT
 
 
 def random_configurations(robot, n, seed=0):
@@ -116,7 +116,7 @@ def test_few_steps_suffice_from_near():
     assert (untouched == near).all()
 
 
-@pytest.mark.parametrize("name", FITTED)
+@pytest.mark.parametrize("name", EIGHT)
 def test_no_pose_of_a_configuration_is_beyond_reach(name):
     robot = load_robot(name)
     positions, rotations = flange_frames(robot, random_configurations(robot, 20_000, seed=5))
@@ -128,7 +128,7 @@ def test_no_pose_of_a_configuration_is_beyond_reach(name):
 
 
 def test_of_the_arms_with_figures_the_universal_robots_have_a_closed_form():
-    assert [name for name in FITTED if has_closed_form(load_robot(name))] == ["ur10", "ur3", "ur5", "ur5e"]
+    assert [name for name in EIGHT if has_closed_form(load_robot(name))] == ["ur10", "ur3", "ur5", "ur5e"]
     with pytest.raises(ValueError, match="panda has no closed form"):
         branches(load_robot("panda"), np.zeros((1, 3)), np.eye(3)[None])
 

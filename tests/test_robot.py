@@ -7,8 +7,8 @@ import torch
 
 from richmap.motion.kinematics import flange_frames
 from richmap.physics.mujoco_model import arm_spec
-from richmap.robots import FITTED
 from richmap.robots.robots import ROBOTS, load_robot
+from tests.eight_arms import EIGHT
 
 UR_DH = {  # d1, a2, a3, d4, d5, d6 as published by Universal Robots, in [m]
     "ur3": (0.1519, -0.24365, -0.21325, 0.11235, 0.08535, 0.0819),
@@ -18,7 +18,7 @@ UR_DH = {  # d1, a2, a3, d4, d5, d6 as published by Universal Robots, in [m]
 }
 
 
-@pytest.fixture(params=FITTED)
+@pytest.fixture(params=EIGHT)
 def robot(request):
     return load_robot(request.param)
 

@@ -4,11 +4,11 @@ import pytest
 from richmap.motion.collision import self_collision
 from richmap.motion.kinematics import flange_frames
 from richmap.motion.sampling import roll_gap, sample_workspace
-from richmap.robots import FITTED
 from richmap.robots.robots import load_robot
+from tests.eight_arms import EIGHT
 
 
-@pytest.fixture(params=FITTED)
+@pytest.fixture(params=EIGHT)
 def robot(request):
     return load_robot(request.param)
 
@@ -45,6 +45,6 @@ def test_the_gap_begins_where_the_last_joint_ends(robot):
 
 
 def test_only_panda_and_iiwa7_leave_rolls_out():
-    gaps = {name: roll_gap(load_robot(name)) for name in FITTED}
+    gaps = {name: roll_gap(load_robot(name)) for name in EIGHT}
     assert {name for name, gap in gaps.items() if gap} == {"panda", "iiwa7"}
     assert gaps["panda"] == pytest.approx(2 * np.pi - 2 * 2.8973)

@@ -8,9 +8,10 @@ from envs.arm.place_arm import place_arm
 from envs.block_push.environment import BlockPushEnv
 from envs.block_push.workspace import POSES
 from richmap.motion.kinematics import flange_frames
-from richmap.robots import FITTED
+from richmap.physics.convex_parts import convex_parts
 from richmap.robots.robot_file import RobotFile
 from richmap.robots.robots import load_robot, robot_file
+from tests.eight_arms import EIGHT
 
 HALF = 0.5
 
@@ -60,17 +61,18 @@ def test_an_arm_in_other_metres_is_the_same_arm():
 
 
 def test_arms_that_figures_are_of_are_not_scaled():
-    assert {robot_file(name).scale for name in FITTED} == {1.0}
+    assert {robot_file(name).scale for name in EIGHT} == {1.0}
 
 
-def hull(shape, parts):
-    return [np.asarray(shape.triangles().convex_hull.vertices, dtype=np.float32)]
+def test_the_parts_of_a_scaled_arm_are_the_arms_own():
+    scale, own = robot_file("px150").scale, convex_parts(load_robot("px150"))
+    for link, parts in convex_parts(load_robot("px150").in_units_of(scale)).items():
+        for part, small in zip(parts, own[link], strict=True):
+            assert np.allclose(part, small / scale, rtol=1e-6)
 
 
-def test_the_task_has_a_scaled_arm_in_its_own_metres(tmp_path, monkeypatch):
+def test_the_task_has_a_scaled_arm_in_its_own_metres():
     """The environment is as ever; gravity is what pulls in those metres."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr("richmap.physics.convex_parts._convex_parts", hull)  # One part for each shape is enough here.
     scale = robot_file("px150").scale
     arm = place_arm("px150", POSES)
     assert arm.description == load_robot("px150").in_units_of(scale) and scale < 1

@@ -4,8 +4,8 @@ import pandas as pd
 import pytest
 
 from benchmark.map_quality.self_collision import LET_THROUGH, REJECTED, SelfCollisionConfig, main
-from richmap.robots import FITTED
 from richmap.robots.robots import load_robot
+from tests.eight_arms import EIGHT
 
 pytestmark = pytest.mark.system
 
@@ -24,7 +24,7 @@ def test_a_row_replaces_an_older_one_of_the_same_arm(tmp_path):
 
 
 @pytest.mark.results
-@pytest.mark.parametrize("name", FITTED)
+@pytest.mark.parametrize("name", EIGHT)
 def test_the_committed_table_is_of_these_arms_and_within_bounds(name):
     (row,) = pd.read_parquet(COMMITTED).query("robot == @name").to_dict("records")
     assert row["robot_fingerprint"] == load_robot(name).fingerprint

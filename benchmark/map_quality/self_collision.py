@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from benchmark.settings.command import check_setting, run_command
 from richmap.outputs import replacing
-from richmap.robots import FITTED, ROBOTS
+from richmap.robots import ROBOTS
 
 if TYPE_CHECKING:
     import mujoco
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 CHUNK = 5_000
 """Configurations that are drawn and checked at once."""
 
+COMPARED = ("gen3", "iiwa7", "panda", "ur10", "ur3", "ur5", "ur5e", "xarm6")
+"""Arms that are compared where none are named."""
+
 REJECTED, LET_THROUGH = 0.02, 0.05
 """Greatest share of free configurations that may be rejected, and of colliding ones that may be let through."""
 
@@ -30,7 +33,7 @@ REJECTED, LET_THROUGH = 0.02, 0.05
 class SelfCollisionConfig:
     """Compares the convex parts that simulators collide with exact triangles, on configurations drawn afresh."""
 
-    robots: list[str] = field(default_factory=lambda: [*FITTED])
+    robots: list[str] = field(default_factory=lambda: [*COMPARED])
     """Arms, as in robots=[ur3,ur5]; their rows replace older ones in the table."""
     configurations: int = 20_000
     """Least number of configurations per arm, uniform within the joint limits; a whole number >= 1."""

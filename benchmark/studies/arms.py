@@ -125,8 +125,7 @@ TEXT = """# Arms that have a name
 
 Made by `python -m benchmark.studies.arms`. `robot=<name>` takes each of them in every command. Each is one file,
 `richmap/robots/<name>.yaml`, which says where it is read from, what is put right and why
-([how to add one](add-arm.md)). The convex parts of the arms in bold ship, and published figures are of those; the
-parts of the others are fitted when they are first simulated, which takes a minute or two.
+([how to add one](add-arm.md)). The convex parts that simulators collide ship with it.
 
 *Reach*: of the flange from the shoulder. *Common base*, *best place*: share of block push's {poses} poses (a grid of
 {spacing} m at the flange's height of {height} m) over which the arm holds its tool upright, in the best branch that is
@@ -152,7 +151,6 @@ def markdown(rows: "pd.DataFrame") -> str:
     import pandas as pd
 
     from richmap.motion.reach import reach_ball
-    from richmap.robots import FITTED
     from richmap.robots.robots import load_robot, robot_file
 
     lines = []
@@ -162,7 +160,7 @@ def markdown(rows: "pd.DataFrame") -> str:
         place = f"{row['x']:g}, {row['y']:g}, {row['z']:g}" if row and row["best"] > 0 else ""
         lines.append(
             {
-                "arm": f"**{name}**" if name in FITTED else name,
+                "arm": name,
                 "joints": len(robot.joints),
                 "reach [m]": f"{reach_ball(robot)[1]:.2f}",
                 "scale": "" if scale == 1 else f"{scale:g}",

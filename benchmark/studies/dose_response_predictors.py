@@ -28,7 +28,7 @@ TOOL_DOWN = (0.0, 1.0, 0.0, 0.0)
 
 def predictors(
     arm: "PlacedArm",
-    paths: Sequence[Float[np.ndarray, "n 3"]],
+    paths: Sequence[Float[np.ndarray, "_ 3"]],
     maps: tuple[MapConfig, EnergyConfig] | None,
     workers: int,
     console: Console,

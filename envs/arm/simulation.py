@@ -1,8 +1,10 @@
 """The robosuite environment of every task: an arm with a tool among what the task puts around it."""
 
+import copy
 import xml.etree.ElementTree as ET
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any
 
 import mujoco
@@ -11,6 +13,7 @@ from jaxtyping import Float
 from robosuite.environments.manipulation.manipulation_env import ManipulationEnv
 from robosuite.models.arenas import Arena
 from robosuite.models.tasks import ManipulationTask
+from robosuite.utils.binding_utils import MjSim
 
 from envs.arm.collision_bounds import tighten_bounds
 from envs.arm.contact import ARM_BIT, SCENE_BIT, ContactSensors, ContactTime
@@ -76,6 +79,21 @@ class ArmSimulation(ManipulationEnv):
             hard_reset=False,
             renderer="mujoco",
         )
+
+    def another(self) -> "ArmSimulation":
+        """One more simulation of the same model, which both share: to compile it takes a hundred times as long."""
+        other = copy.copy(self)
+        other.sim = MjSim(self.mj_model)
+        other.mj_data = other.sim.data._data
+        other._observables = OrderedDict()  # Robosuite's look at the first one's state. Nothing reads them.
+        robot = copy.copy(self.robots[0])
+        vars(robot).update({name: copy.copy(of) for name, of in vars(robot).items() if isinstance(of, dict)})
+        robot.reset_sim(other.sim)
+        other.robots = [robot]
+        other._sensors = copy.copy(self._sensors)
+        other._sensors.find_in(other.mj_model, other.mj_data)
+        other._reset_internal()
+        return other
 
     def _surroundings(self) -> tuple[Arena, list[Any]]:
         """Arena and objects of the task, in robosuite's terms."""
@@ -206,3 +224,18 @@ class ArmSimulation(ManipulationEnv):
     def reward(self, action: Float[np.ndarray, " dof"] | None = None) -> float:
         """None of its own: what counts is the task's to say."""
         return 0.0
+
+
+Kind = Callable[[PlacedArm, np.ndarray, bool], ArmSimulation]
+"""A task's simulation, with an arm that begins at joint angles in [rad], to be seen or not."""
+
+
+def make_simulation(kind: Kind, arm: PlacedArm, start: Float[np.ndarray, " dof"], visual: bool) -> Any:
+    """The simulation of a task, with the arm at these joint angles at reset, in [rad]. Those that nobody sees share
+    their model; one that is seen has its own, as colours stand in it."""
+    return kind(arm, start, True) if visual else _first(kind, arm, tuple(start)).another()
+
+
+@lru_cache(maxsize=8)
+def _first(kind: Kind, arm: PlacedArm, start: tuple[float, ...]) -> ArmSimulation:
+    return kind(arm, np.array(start), False)

@@ -18,6 +18,7 @@ from richmap.task_spaces.block_push import AT, BLOCK_PUSH_SPACE, BLOCKS, START, 
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", SyntaxWarning)  # From robosuite's own text, when Python first compiles it.
+    from envs.arm.simulation import make_simulation
     from envs.block_push.simulation import BlockPushSimulation
 
 MAX_STEP = 0.1
@@ -86,7 +87,7 @@ class BlockPushEnv(ArmEnv[BlockPushSimulation]):
     def _make_simulation(self, visual: bool) -> BlockPushSimulation:
         self._kinematics = self.arm.kinematics()
         self._start = start_posture(self.arm, self._kinematics, POSES.start)
-        return BlockPushSimulation(self.arm, self._start, visual)
+        return make_simulation(BlockPushSimulation, self.arm, self._start, visual)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -17,6 +17,7 @@ from richmap.task_spaces.press_buttons import BUTTONS, PRESS_BUTTONS_SPACE, ROD
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", SyntaxWarning)  # From robosuite's own text, when Python first compiles it.
+    from envs.arm.simulation import make_simulation
     from envs.press_buttons.simulation import PressButtonsSimulation
 
 FIRST, SECOND = 0.49, 0.51
@@ -83,7 +84,7 @@ class PressButtonsEnv(ArmEnv[PressButtonsSimulation]):
     def _make_simulation(self, visual: bool) -> PressButtonsSimulation:
         self._tool = ToolKinematics(self.arm)
         self._rotation, self._work = np.zeros((3, 3)), np.empty((4 * len(self._tool.start) + 16, 6))
-        return PressButtonsSimulation(self.arm, self._tool.start, visual)
+        return make_simulation(PressButtonsSimulation, self.arm, self._tool.start, visual)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

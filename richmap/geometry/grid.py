@@ -63,7 +63,7 @@ class Grid:
         """Centres of all cells in flat order, in [m]."""
         return np.stack(np.meshgrid(*self.axes(), indexing="ij"), -1).reshape(-1, 3)
 
-    def axes(self) -> list[Float[np.ndarray, " n"]]:
+    def axes(self) -> list[Float[np.ndarray, " _"]]:
         """Coordinates of the cells' centres along x, y and z, in [m]."""
         return [o + self.cell_size * (np.arange(n) + 0.5) for o, n in zip(self.origin, self.shape, strict=True)]
 

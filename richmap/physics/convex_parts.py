@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from richmap.files import FileRefusedError, load_arrays, save_arrays
 from richmap.robots.robot import RobotDescription
+from richmap.robots.robots import load_robot, robot_file
 from richmap.robots.shape import Shape
 
 FOLDER = Path(__file__).parents[1] / "robots" / "convex_parts"
@@ -27,7 +28,7 @@ THINNEST = 1e-4
 CONVEX = 0.999
 """A closed mesh that fills its convex hull to at least this share is one part."""
 
-ConvexParts = dict[str, list[Float[np.ndarray, "v 3"]]]
+ConvexParts = dict[str, list[Float[np.ndarray, "_ 3"]]]
 """For each link, the vertices of its convex parts in the link's frame, in [m]."""
 
 
@@ -36,7 +37,10 @@ def convex_parts(robot: RobotDescription) -> ConvexParts:
     """An arm's parts: those that ship, or else those in the user's cache, fitted once for each description."""
     shipped = FOLDER / f"{robot.name}.safetensors"
     if shipped.exists() and not robot.name.startswith("custom-"):
-        return load_convex_parts(shipped, robot)
+        unscaled = robot if robot.scale == 1 else robot_file(robot.name).description
+        if robot == unscaled.in_units_of(robot.scale):
+            parts = load_convex_parts(shipped, unscaled)
+            return {link: [part / np.float32(robot.scale) for part in each] for link, each in parts.items()}
     file = Path(platformdirs.user_cache_dir("richmap"), "convex_parts", f"{robot.fingerprint[:16]}.safetensors")
     file.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(f"{file}.lock"):
@@ -95,7 +99,7 @@ def fit_convex_parts(robot: RobotDescription, parts_per_link: int = PARTS_PER_LI
     }
 
 
-def _convex_parts(shape: Shape, parts_per_link: int) -> list[Float[np.ndarray, "v 3"]]:
+def _convex_parts(shape: Shape, parts_per_link: int) -> list[Float[np.ndarray, "_ 3"]]:
     import vhacdx
 
     mesh = shape.triangles()
@@ -122,8 +126,6 @@ def save_convex_parts(file: Path, robot: RobotDescription, parts: ConvexParts) -
 
 if __name__ == "__main__":
     import sys
-
-    from richmap.robots.robots import load_robot
 
     for arm in map(load_robot, sys.argv[1:]):
         save_convex_parts(FOLDER / f"{arm.name}.safetensors", arm, fit_convex_parts(arm))
