@@ -2,6 +2,7 @@
 
 python -m benchmark.show table=outputs/sweep
 python -m benchmark.show suite=push-v1
+python -m benchmark.show protocol=strict
 python -m benchmark.show table=outputs/sweep eval_info=outputs/lerobot
 """
 
@@ -10,6 +11,7 @@ from pathlib import Path
 
 from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.paths import check_folder
+from benchmark.settings.recipe import USUAL, check_recipe
 from benchmark.settings.suite import suite_conditions, suite_task
 from benchmark.settings.task import chosen_task
 
@@ -26,6 +28,10 @@ class ShowConfig:
     """Conditions by which the episodes are shown, with ceilings and shares of head-room (see benchmark.run)."""
     ceilings: str = ""
     """With suite=: another file of ceilings than the frozen ones, as benchmark.ceilings output= writes it."""
+    protocol: str = ""
+    """Every figure of a published protocol, strict or paper, from test episodes: scores, p-values, causes, policies."""
+    recipe: str = USUAL
+    """With protocol=: whose episodes count, robust or clean (see benchmark.leaderboard)."""
     output_dir: str = ""
     """Folder that curves.png goes to; empty for that of the table."""
     eval_info: str = ""
@@ -34,7 +40,13 @@ class ShowConfig:
 
     def __post_init__(self) -> None:
         self.task = suite_task(self.suite) if self.suite else self.task
-        chosen_task(self.task)
+        task = chosen_task(self.task)
+        check_recipe(self.recipe)
+        if self.protocol:
+            from benchmark.scoring.ranking import protocols_of
+
+            names = [protocol.name for protocol in protocols_of(task)]
+            check_setting(self.protocol in names, "protocol", self.protocol, f"{', '.join(names)}, of {task.name}")
         self.table = self.table or (f"results/suites/{self.suite}" if self.suite else "results")
         check_setting(Path(self.table).exists(), "table", self.table, "a table of episodes, or a folder of them")
         there = not self.ceilings or Path(self.ceilings).is_file()
@@ -46,15 +58,21 @@ class ShowConfig:
 
 def main(config: ShowConfig) -> None:
     """Print method, scale and arm with the score that ranks and the paired difference to direct transfer, and draw it;
-    or, with eval_info=, write the episodes as LeRobot does."""
+    or, with eval_info=, write the episodes as LeRobot does, or, with protocol=, print all that is published."""
     from benchmark.episodes.arm import suite_arms
     from benchmark.episodes.table import read_present
+    from benchmark.scoring.boards import read_boards
     from benchmark.scoring.ceiling import ceilings_file, read_ceilings
     from benchmark.scoring.eval_info import write_eval_infos
     from benchmark.scoring.own_results import show_results
+    from benchmark.scoring.protocol_text import protocol_text
     from benchmark.scoring.suite_table import show_suite
 
     path, task = Path(config.table), chosen_task(config.task)
+    if config.protocol:
+        for protocol, table in read_boards(path, task, config.recipe, [config.protocol]).tables.items():
+            print(protocol_text(task, protocol, table, config.recipe))
+        return
     episodes = read_present(path, task)
     if episodes.empty:
         raise SettingError(f"table={path} holds no episodes of {task.name}.")

@@ -94,5 +94,5 @@ def pose_best_of_n(given: Setup) -> PoseBestOf:
 
 def cost_of(given: Setup) -> PoseCost:
     """Of the field that a method is made with."""
-    assert isinstance(given.field, DirectionalEnergy | DirectionalCoverage)  # `policies.methods` has seen to it.
+    assert isinstance(given.field, DirectionalEnergy | DirectionalCoverage)  # `policies.method` has seen to it.
     return PoseCost(given.field)

@@ -192,5 +192,5 @@ def plan_by_map(given: Setup) -> PlanByMap:
 
 
 def _model(given: Setup) -> EpisodeModel:
-    assert given.model is not None  # `policies.methods` has seen to it.
+    assert given.model is not None  # `policies.method` has seen to it.
     return given.model

@@ -203,5 +203,5 @@ def dpcc(given: Setup) -> TightenedProjection:
 
 def codig(given: Setup) -> BarrierInScore:
     """CoDiG's rule: a barrier before what the arm cannot hold."""
-    assert isinstance(given.field, SignedDistanceField)  # `policies.methods` has seen to it.
+    assert isinstance(given.field, SignedDistanceField)  # `policies.method` has seen to it.
     return BarrierInScore(Descent(Barrier(given.field), given.scale, FlangePath(given.space)))

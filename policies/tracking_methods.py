@@ -152,5 +152,5 @@ def gpc_opt(given: Setup) -> RefineByTracking:
 
 
 def _cost(given: Setup) -> TrackingCost:
-    assert given.controller is not None  # `policies.methods` has seen to it.
+    assert given.controller is not None  # `policies.method` has seen to it.
     return TrackingCost(given.controller, FlangePath(given.space))

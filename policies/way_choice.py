@@ -165,7 +165,7 @@ def way_of_any(given: Setup) -> WayOfAny:
 
 
 def _known(given: Setup) -> tuple[EpisodeModel, slice]:
-    assert given.model is not None  # `policies.methods` has seen to it.
+    assert given.model is not None  # `policies.method` has seen to it.
     return given.model, given.space.state[given.space.measured]
 
 

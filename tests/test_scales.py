@@ -15,7 +15,8 @@ from benchmark.settings.suite import suite_conditions
 from benchmark.sweeps import scale_choice
 from benchmark.sweeps.scale_sweep import ScalesConfig, read_methods
 from envs.block_push.task import BLOCK_PUSH
-from policies.methods import GUIDED, METHODS, MOST_SAMPLES
+from policies.method import MOST_SAMPLES
+from policies.methods import GUIDED, METHODS
 from tests.made_up_episodes import CONDITION, episode
 
 pytestmark = pytest.mark.system

@@ -14,11 +14,10 @@ if TYPE_CHECKING:
 
 def arm_key(arm: "PlacedArm") -> str:
     """SHA-256 over everything of an arm that an imagined episode depends on."""
-    from envs.arm.found_posture import DECIMALS
     from richmap.cache import made_from
     from richmap.similarity.arm_value import ArmValue
 
-    numbers = arm.numbers() | {"posture": [round(angle, DECIMALS) for angle in arm.posture]}
+    numbers = arm.numbers() | {"posture": arm.stored_posture}
     return made_from({"value": "press_buttons", **numbers}, ArmValue.VERSION)
 
 

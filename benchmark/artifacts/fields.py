@@ -21,7 +21,7 @@ MAKERS = {
     "witness": "benchmark.artifacts.maps:arm_witness",
     "value": "benchmark.artifacts.arm_values:arm_value",
 }
-"""What makes each kind (`policies.methods.Method.field`): called with the arm, settings of maps and of the energy, the
+"""What makes each kind (`policies.method.Method.field`): called with the arm, settings of maps and of the energy, the
 number of processes, and the console, it gives the field and its file. A value alone is not made but looked for."""
 
 

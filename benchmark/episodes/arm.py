@@ -30,9 +30,6 @@ TUPLES = ("posture", "narrowed")
 SINCE = {"narrowed": (), "tool_length": 0.04, "delay": 0.0}
 """Columns that rows of before lack, and what the arms of all of them had."""
 
-DECIMALS = 6
-"""Of postures in rows, in [rad]: one that was found differs in the last bits from processor to processor."""
-
 
 def chosen_arm(config: RunConfig | OracleConfig | ConditionConfig, task: "Task") -> "PlacedArm":
     """The setting's arm with the single choices replaced, as it does a task.
@@ -79,7 +76,7 @@ def arm_columns(arm: "PlacedArm") -> dict[str, Any]:
         "robot_fingerprint": arm.robot_fingerprint,
         **dict(zip(BASE, arm.base, strict=True)),
         "base_yaw": arm.yaw,
-        "posture": tuple(round(angle, DECIMALS) for angle in arm.posture),
+        "posture": arm.stored_posture,
         "self_collision": arm.self_collision,
         "joint_limits": arm.joint_limits,
         "orientation_weight": arm.orientation_weight,

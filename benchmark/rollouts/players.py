@@ -29,7 +29,7 @@ class Player(Protocol):
 
     @property
     def kind(self) -> str | None:
-        """Of the field that guidance looks at (`policies.methods.Method.field`); None without one."""
+        """Of the field that guidance looks at (`policies.method.Method.field`); None without one."""
 
     def batches(self, seeds: Iterable[int]) -> Iterable[Sequence[int]]:
         """The seeds, grouped as they are played together."""

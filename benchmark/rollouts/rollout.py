@@ -48,7 +48,7 @@ class Rollout:
     guidance: GuidanceClass | None = None
     """The class of a method that is not ours; None for ours, and for an entry that brings a policy alone."""
     kind: str | None = None
-    """Of the field (`policies.methods.Method.field`)."""
+    """Of the field (`policies.method.Method.field`)."""
 
     @cached_property
     def camera(self) -> tuple[str, tuple[int, ...]] | None:

@@ -18,7 +18,8 @@ from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.recipe import USUAL
 from benchmark.settings.robot_config import ArmConfig, RobotConfig, robot_field
 from benchmark.settings.task import chosen_task
-from policies.methods import GUIDED, METHODS, MOST_SAMPLES, SWEPT
+from policies.method import MOST_SAMPLES
+from policies.methods import GUIDED, METHODS, SWEPT
 
 if TYPE_CHECKING:
     import pandas as pd

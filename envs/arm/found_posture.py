@@ -15,7 +15,7 @@ import platformdirs
 from jaxtyping import Bool, Float, Int
 
 from envs.arm.feasibility import followed
-from envs.arm.placed_arm import PlacedArm
+from envs.arm.placed_arm import PlacedArm, rounded_posture
 from envs.arm.task_poses import TaskPoses
 from richmap.motion.collision import self_collision
 from richmap.motion.ground import lowest_points
@@ -29,8 +29,6 @@ ALIKE = 0.05
 """Of rough postures that differ by about this, in [rad], one is gone on with."""
 APART = 0.3
 """Postures whose joints differ by no more than this, in [rad], are of one branch; so are those linked by such."""
-DECIMALS = 6
-"""Of a found posture, in [rad]: its last bits differ from processor to processor."""
 JUDGED = 12
 """Postures that are judged at most: the least strained of every branch, then the second of each, and so on."""
 AS_GOOD = 0.01
@@ -48,9 +46,9 @@ def find_posture(arm: PlacedArm, poses: TaskPoses) -> PlacedArm:
     key = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
     file = Path(platformdirs.user_cache_dir("richmap"), "postures", f"{arm.robot}-{key[:16]}.json")
     if not file.exists():
-        posture = np.round(best_posture(arm, poses), DECIMALS)
+        posture = rounded_posture(best_posture(arm, poses))
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(json.dumps(posture.tolist()))
+        file.write_text(json.dumps(posture))
     return replace(arm, posture=tuple(json.loads(file.read_text())))
 
 

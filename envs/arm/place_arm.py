@@ -7,8 +7,8 @@ from functools import lru_cache
 from itertools import batched
 from typing import Any
 
-from envs.arm.found_posture import DECIMALS, find_posture
-from envs.arm.placed_arm import ORIENTATION_WEIGHT, TOOL_LENGTH, PlacedArm
+from envs.arm.found_posture import find_posture
+from envs.arm.placed_arm import ORIENTATION_WEIGHT, TOOL_LENGTH, PlacedArm, rounded_posture
 from envs.arm.task_poses import FOUND, TaskPoses
 from richmap.robots import ROBOTS
 from richmap.robots.robot import RobotDescription
@@ -56,18 +56,7 @@ def place_arm(
     Raises:
         ValueError: If there is no such robot or setting, or the arm cannot do the task so.
     """
-    if base is not None and len(base) != 3:
-        raise ValueError(f"base is x, y, z in metres. Got {len(base)} numbers: {tuple(base)}")
-    if base is not None and not all(map(math.isfinite, base)):
-        raise ValueError(f"base is three finite numbers. Got {tuple(base)}")
-    if yaw is not None and not math.isfinite(yaw):
-        raise ValueError(f"yaw must be a finite number of radians. Got {yaw}")
-    if orientation_weight is not None and not 0 < orientation_weight < math.inf:
-        raise ValueError(f"orientation_weight must be above 0 m/rad. Got {orientation_weight}")
-    if not 0.02 <= tool_length <= 0.3:
-        raise ValueError(f"tool_length must lie between 0.02 and 0.3 m. Got {tool_length}")
-    if not (0 <= delay <= 1 and math.isclose(10 * delay, round(10 * delay), abs_tol=1e-9)):
-        raise ValueError(f"delay must be tenths of a second from 0 to 1. Got {delay}")
+    _check_numbers(base, yaw, orientation_weight, tool_length, delay)
     description, file = _description_and_file(robot)
     given = {
         "base": base, "yaw": yaw, "branch": branch or poses.branch, "self_collision": self_collision,
@@ -92,17 +81,36 @@ def place_arm(
     arm = PlacedArm(
         description, setting, (x, y, z), posture=stated.posture, branch=name, bounds=stated.bounds, **chosen
     )
-    if name != FOUND and posture is not None:
-        raise ValueError(f"A posture goes with the branch {FOUND}. Here the branch is {name}.")
-    if posture is not None and len(posture) != len(description.joints):
-        raise ValueError(f"{description.name} has {len(description.joints)} joints. Got a posture of {len(posture)}.")
-    if name != FOUND:
+    return _in_posture(arm, poses, posture)
+
+
+def _check_numbers(
+    base: Sequence[float] | None, yaw: float | None, orientation_weight: float | None, tool_length: float, delay: float
+) -> None:
+    """Raise `ValueError` unless each of these can be."""
+    if base is not None and len(base) != 3:
+        raise ValueError(f"base is x, y, z in metres. Got {len(base)} numbers: {tuple(base)}")
+    if base is not None and not all(map(math.isfinite, base)):
+        raise ValueError(f"base is three finite numbers. Got {tuple(base)}")
+    if yaw is not None and not math.isfinite(yaw):
+        raise ValueError(f"yaw must be a finite number of radians. Got {yaw}")
+    if orientation_weight is not None and not 0 < orientation_weight < math.inf:
+        raise ValueError(f"orientation_weight must be above 0 m/rad. Got {orientation_weight}")
+    if not 0.02 <= tool_length <= 0.3:
+        raise ValueError(f"tool_length must lie between 0.02 and 0.3 m. Got {tool_length}")
+    if not (0 <= delay <= 1 and math.isclose(10 * delay, round(10 * delay), abs_tol=1e-9)):
+        raise ValueError(f"delay must be tenths of a second from 0 to 1. Got {delay}")
+
+
+def _in_posture(arm: PlacedArm, poses: TaskPoses, posture: Sequence[float] | None) -> PlacedArm:
+    """The arm in the posture that was found for it: the given one, or else the best."""
+    if posture is not None and arm.branch != FOUND:
+        raise ValueError(f"A posture goes with the branch {FOUND}. Here the branch is {arm.branch}.")
+    if posture is not None and len(posture) != len(arm.description.joints):
+        raise ValueError(f"{arm.robot} has {len(arm.description.joints)} joints. Got a posture of {len(posture)}.")
+    if arm.branch != FOUND:
         return arm
-    return (
-        _found(arm, poses)
-        if posture is None
-        else replace(arm, posture=tuple(round(float(q), DECIMALS) for q in posture))
-    )
+    return _found(arm, poses) if posture is None else replace(arm, posture=rounded_posture(posture))
 
 
 def _check_limited(robot: RobotDescription, narrowed: Sequence[float], binds: bool) -> None:

@@ -1,6 +1,7 @@
 """An arm that stands somewhere and holds its tool in one branch: what a task's environment, fields and rows are of."""
 
 import hashlib
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import batched
@@ -24,6 +25,11 @@ weight does the same.
 
 TOOL_LENGTH = 0.04
 """Of the usual tool, from the flange down, in [m]: whatever names a pose of the flange means one that carries it."""
+
+
+def rounded_posture(angles: Iterable[float]) -> tuple[float, ...]:
+    """Joint angles to a millionth, in [rad]: the last bits of one that was found differ from processor to processor."""
+    return tuple(round(float(angle), 6) for angle in angles)
 
 
 @dataclass(frozen=True)
@@ -64,6 +70,11 @@ class PlacedArm:
     def robot(self) -> str:
         """Its name."""
         return self.description.name
+
+    @property
+    def stored_posture(self) -> tuple[float, ...]:
+        """Its posture as files have it, in [rad]."""
+        return rounded_posture(self.posture)
 
     @property
     def protected(self) -> bool:

@@ -90,6 +90,6 @@ class ChunkByValue(Guidance):
 
 def value_on_arm(given: Setup) -> ChunkByValue:
     """The chunk after which, as was learnt on the arm's kinematic twin, two buttons are most likely pressed."""
-    assert given.model is not None and isinstance(given.field, ArmValue)  # `policies.methods` has seen to it.
+    assert given.model is not None and isinstance(given.field, ArmValue)  # `policies.method` has seen to it.
     network = as_network(given.field, len(given.model.start()))
     return ChunkByValue(given.model, network.of_two, int(given.scale))
