@@ -56,7 +56,7 @@ class DoseResponseConfig:
     """Folder of the episodes, and of descriptions of arms that are made up."""
     workers: int = 2
     """Processes that sample and play; a whole number >= 1."""
-    map: MapConfig = field(default_factory=MapConfig)
+    map: MapConfig = field(default_factory=lambda: MapConfig(cell_size=0.1, theta=0.2, stop_rate=0.05))
     energy: EnergyConfig = field(default_factory=EnergyConfig)
 
     def __post_init__(self) -> None:
