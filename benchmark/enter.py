@@ -128,7 +128,7 @@ def main(config: EnterConfig) -> None:
     entry = Entry.load(Path(config.entry))
     ranks = (1,) if config.protocol.best_only else (1, 2, 3)
     checkpoints = entry.checkpoints(config.seeds, config.task, ranks)
-    if config.table and not Path(config.table).exists():
+    if config.table and not (Path(config.table).is_dir() or Path(config.table).is_file()):
         raise SettingError(f"table={config.table} is not there. Give a folder of episodes, or a Parquet file.")
     import pandas as pd
     from rich.console import Console

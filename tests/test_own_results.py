@@ -8,7 +8,7 @@ import pytest
 from benchmark import show
 from benchmark.episodes.episode import as_frame
 from benchmark.episodes.table import store_episodes
-from benchmark.scoring.own_results import results_text
+from benchmark.scoring.own_results import draw_curves, results_text
 from benchmark.scoring.scale_table import scale_table
 from benchmark.scoring.statistics import Crossed, clustered_difference, clustered_mean
 from benchmark.scoring.text_table import text_table
@@ -38,6 +38,14 @@ def test_a_folder_of_rows_is_shown_as_counted_by_hand(tmp_path, capsys):
     with pytest.raises(SettingError, match="holds no episodes"):
         (tmp_path / "empty").mkdir()
         show.main(show.ShowConfig(table=str(tmp_path / "empty")))
+
+
+def test_scales_within_an_octave_are_written_under_their_curve():
+    tried = [dataclasses.replace(GUIDED, guidance_scale=scale) for scale in (0.6, 0.9)]
+    rows = [episode(seed, p2=True, condition=condition) for condition in (CONDITION, *tried) for seed in (0, 1)]
+    table = scale_table(as_frame([row.row() for row in rows], EpisodeOutcome), BLOCK_PUSH)
+    (panel,) = draw_curves(table, BLOCK_PUSH).axes
+    assert [label.get_text() for label in panel.get_xticklabels()] == ["0.6", "0.9"]
 
 
 @pytest.mark.parametrize("n", [1, 2, 4])

@@ -19,6 +19,9 @@ CURVES = "curves.png"
 PANELS = 3
 """Side by side."""
 
+MOST_TICKS = 12
+"""Scales that are written under a panel; of more, powers of two."""
+
 
 def show_results(episodes: "pd.DataFrame", task: "Task", folder: Path) -> None:
     """Print the table of some episodes, and draw their curves into a folder, if there is more than direct transfer."""
@@ -91,6 +94,9 @@ def draw_curves(table: "pd.DataFrame", task: "Task") -> "Figure":
         ax.title.set_fontsize("small")
         if (group["lambda"] > 0).any():
             ax.set_xscale("log", base=2)
+            scales = sorted({*group["lambda"]} - {0})
+            if len(scales) <= MOST_TICKS:
+                ax.set_xticks(scales, [f"{scale:g}" for scale in scales], rotation=60, fontsize="x-small")
             ax.legend(fontsize="x-small")
     for ax in panels[len(arms) :]:
         ax.remove()

@@ -37,6 +37,8 @@ def check_limits(values: Mapping[str, Any], settings: Mapping[str, Setting]) -> 
             check_setting(value.isprintable(), name, repr(value), "a text of printed characters")
         elif isinstance(value, list) and name in settings:
             _check_list(name, value, settings[name].default)
+            for each in value if name == "scale" else []:
+                _check_number(name, each, "")
         elif isinstance(value, int | float) and not isinstance(value, bool):
             _check_number(name, value, "training " if "steps" in settings else "")
 
@@ -65,7 +67,8 @@ def _check_number(name: str, value: float, of: str) -> None:
         ),
         "episodes": (MOST_EPISODES, f"of {EPISODE_SECONDS:g} s each: {value * EPISODE_SECONDS / 86400:,.0f} days"),
         "training batch_size": (MOST_BATCH, f"rows at once: {value * 4e-5:,.0f} GB"),
-        "lambda": (MOST_LAMBDA, "is beyond every unit that a scale has"),
+        "lambda": (MOST_LAMBDA, "it is beyond every unit that a scale has"),
+        "scale": (MOST_LAMBDA, "it is beyond every unit that a scale has"),
     }
     most, cost = limits.get(of + name) or limits.get(name, (math.inf, ""))
     if value > most:

@@ -49,7 +49,8 @@ class MapConfig:
         check_setting(self.turns.bit_count() == 1 <= self.turns, "map.turns", self.turns, "a power of two")
         check_memory("map.draw", self.draw, self.draw * 1e-5)
         check_memory("map.turns", self.turns, self.draw * self.turns * 5e-7)
-        cells, bins = (2 * half_width / self.cell_size) ** 3, 24 / self.theta**2
+        edge, bins = 2 * half_width / self.cell_size, 24 / self.theta**2
+        cells = edge * edge * edge  # A power would overflow where cells are tiny; a product is infinite.
         check_memory("map.cell_size", self.cell_size, cells * bins * 8 * 0.3 / 1e9)  # A third of the cells hold any.
         if self.ground is not None:
             check_setting(-10 <= self.ground <= 0.3, "map.ground", self.ground, "a number from -10 to 0.3, or null")

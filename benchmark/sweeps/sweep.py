@@ -36,7 +36,10 @@ class SweepStart(Callback):
         """Clear what an earlier sweep left in the same folder, and write down how many jobs there are."""
         folder = Path(config.hydra.sweep.dir)
         shutil.rmtree(folder / "jobs", ignore_errors=True)
-        (folder / "jobs").mkdir(parents=True)
+        try:
+            (folder / "jobs").mkdir(parents=True)
+        except OSError:
+            return  # Hydra cannot make the folder either, and refuses it; of an error here it would only warn.
         (folder / "jobs" / "total").write_text(str(count_jobs(config)))
         _BEGUN.append((folder, typed(config.wandb, WandbConfig), config.task))
 
