@@ -1,6 +1,7 @@
 """What the leaderboard shows is what plain counting of the stored rows gives."""
 
 import dataclasses
+import json
 import re
 import shutil
 from functools import partial
@@ -10,27 +11,34 @@ import pandas as pd
 import pytest
 from omegaconf import OmegaConf
 
+from benchmark import show
 from benchmark.artifacts import known_policies
 from benchmark.artifacts.checkpoint import Checkpoint
 from benchmark.artifacts.known_policies import policies_in, shipped
-from benchmark.episodes.arm import ARM, setting_text
+from benchmark.episodes.arm import ARM, setting_text, suite_arms
 from benchmark.episodes.parts import write_part
 from benchmark.episodes.table import read_tables
 from benchmark.leaderboard import LeaderboardConfig, main
 from benchmark.scoring import leaderboard_text, oracle_scores, ranking
+from benchmark.scoring.ceiling import Ceiling
 from benchmark.scoring.leaderboard_text import beside_the_paper
+from benchmark.scoring.protocol_text import protocol_text
 from benchmark.scoring.ranking import adjusted, counted, protocols_of
+from benchmark.scoring.scores import causes_text, difference_text
 from benchmark.scoring.statistics import holm, paired_p_value
+from benchmark.scoring.suite_table import by_condition, standing
 from benchmark.settings.command import CONF, SettingError
-from benchmark.settings.config import RunConfig
+from benchmark.settings.config import ConditionConfig, RunConfig
 from benchmark.settings.recipe import RECIPES, USUAL, recipe_folder
+from benchmark.settings.suite import suite_conditions
 from envs.block_push.arm import block_push_arm
 from envs.block_push.task import BLOCK_PUSH
-from richmap.robots import ROBOTS
 
 pytestmark = pytest.mark.system
 
 PAPER, STRICT = PROTOCOLS = protocols_of(BLOCK_PUSH)
+LONGEST = 150
+"""Lines of the document."""
 leaderboard = partial(ranking.leaderboard, task=BLOCK_PUSH)
 with_oracles = partial(oracle_scores.with_oracles, protocol=STRICT, task=BLOCK_PUSH)
 markdown = partial(leaderboard_text.markdown, BLOCK_PUSH)
@@ -254,13 +262,17 @@ def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(
     said = capsys.readouterr()
     assert "LEADERBOARD.md" in said.out and all(f"Rows of protocol {x.name}" in said.err for x in PROTOCOLS)
     text = (tmp_path / "LEADERBOARD.md").read_text()
-    assert "pull-back (entry)" in text and "## Protocol `paper`" in text and "## Protocol `strict`" in text
+    assert "pull-back (entry)" in text and "## Beside the paper's" in text and "## Protocol `strict`" in text
+    assert "`python -m benchmark.show protocol=strict`" in text
     first = (tmp_path / "leaderboard.html").read_text()
     assert "{{data}}" not in first and "http://www.w3.org/2000/svg" in first
     main(dataclasses.replace(config, recipe="clean"))  # Entries stand in the other one.
     of_clean = (tmp_path / "clean" / "LEADERBOARD.md").read_text()
     assert "pull-back" not in of_clean and "benchmark.leaderboard recipe=clean`" in of_clean
-    assert "seed44-1" in of_clean and "seed42-1" not in of_clean
+    assert "`python -m benchmark.show protocol=strict recipe=clean`" in of_clean
+    show.main(show.ShowConfig(table=str(tmp_path), protocol="strict", recipe="clean"))
+    shown = capsys.readouterr().out
+    assert "seed44-1" in shown and "seed42-1" not in shown and "pull-back" not in shown
     with pytest.raises(SettingError, match="recipe=dirty is not allowed. Allowed: robust, clean"):
         dataclasses.replace(config, recipe="dirty")
     assert "undisturbed demonstrations alone" in (tmp_path / "clean" / "leaderboard.html").read_text()
@@ -270,11 +282,53 @@ def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(
     assert "pull-back" not in (tmp_path / "LEADERBOARD.md").read_text()
 
 
-def test_the_ranking_of_a_suite_comes_first(boards):
+def made_up_standing(episodes, methods=()):
+    """On a suite of the UR3 and the UR5; of further methods as well, each with the episodes of the paper's."""
+    rows = counted(episodes, STRICT, OURS)
+    like = rows[rows.method == "paper"]
+    rows = pd.concat([rows, *(like.assign(method=name) for name in methods)])
+    conditions = {"here": ConditionConfig("ur3"), "there": ConditionConfig("ur5", saturated=True)}
+    scenes = tuple(sorted({*rows.episode_seed}))
+    ceiling = Ceiling(scenes, ("seed42-1", "seed43-1", "seed44-1"), ("1" * len(scenes),) * 3, {})
+    arms = suite_arms(conditions, BLOCK_PUSH)
+    return standing("push-v1", conditions, arms, dict.fromkeys(conditions, ceiling), rows, BLOCK_PUSH)
+
+
+def test_the_ranking_of_a_suite_comes_first_and_then_what_each_method_gains_where(transfer_episodes, boards):
     boards = {protocol: with_oracles(table, pd.DataFrame()) for protocol, table in boards.items()}
-    text = markdown(boards, ranked={"push-v1": "| rank |"})
-    assert text.index("### Suite `push-v1`\n\n| rank |") < text.index("## Protocol `paper`")
-    assert "Suite" not in markdown(boards)
+    text = markdown(boards, standings=[made_up_standing(transfer_episodes)])
+    assert text.index("### Suite `push-v1`\n\n| rank") < text.index("| condition") < text.index("## Beside the paper")
+    for row in boards[STRICT].query("method != 'direct'").to_dict("records"):
+        condition = {"ur3": "here", "ur5": "there, saturated"}[row["robot"]]
+        (line,) = [line for line in text.splitlines() if line.startswith(f"| {condition} ")]
+        assert difference_text(pd.Series(row), "p2_difference") in line
+    assert "## Protocol `strict`" not in text  # All its arms are in the suite.
+    assert "Suite" not in markdown(boards) and "## Protocol `strict`" in markdown(boards)
+
+
+def test_twenty_methods_are_a_short_document(transfer_episodes, boards):
+    boards = {protocol: with_oracles(table, pd.DataFrame()) for protocol, table in boards.items()}
+    many = made_up_standing(transfer_episodes, [f"method{i}" for i in range(20)])
+    text = markdown(boards, standings=[many, many])
+    assert len(text.splitlines()) <= LONGEST and "method19" in text
+
+
+@pytest.mark.results
+@pytest.mark.parametrize("recipe", RECIPES)
+def test_what_is_published_is_short(recipe):
+    board = recipe_folder(Path("results"), recipe) / "LEADERBOARD.md"
+    if recipe == USUAL or board.exists():
+        assert len(board.read_text().splitlines()) <= LONGEST
+
+
+def test_what_the_document_leaves_out_is_shown_by_a_command(transfer_episodes, boards):
+    table = with_oracles(boards[STRICT], transfer_episodes)
+    text = protocol_text(BLOCK_PUSH, STRICT, table)
+    for row in table.to_dict("records"):
+        assert all(f"{100 * row[score]:.1f} [" in text for score in STRICT.scores)
+        assert causes_text(row["causes"]) in text and all(each["checkpoint"] in text for each in row["policies"])
+    with pytest.raises(SettingError, match="protocol=strikt is not allowed. Allowed: paper, strict, of block_push"):
+        show.ShowConfig(protocol="strikt")
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS, ids=lambda protocol: protocol.name)
@@ -315,7 +369,7 @@ def test_an_arm_that_stands_or_holds_its_tool_otherwise_is_held_against_the_usua
     kept = counted(rows, STRICT, OURS)
     assert moved.p2_arm_difference == pytest.approx(1 - kept.p2.mean())
     assert 0 < moved.p2_arm_p < 1 and table.p2_arm_p.notna().sum() == 1
-    text = markdown({STRICT: with_oracles(table, pd.DataFrame())})
+    text = protocol_text(BLOCK_PUSH, STRICT, with_oracles(table, pd.DataFrame()))
     assert shown in text
 
 
@@ -340,18 +394,39 @@ def test_what_is_published_is_what_the_published_rows_say(recipe):
         rows = rows[rows.entry_hash == ""]
     if counted(rows, STRICT, shipped(recipe)).empty:
         pytest.skip("The tables of the present scenes are yet to be made: python -m benchmark.run experiment=tables")
-    board = recipe_folder(root, recipe) / "LEADERBOARD.md"
-    sections = board.read_text().split("## Protocol `strict`")[1].split("\n### ")
-    checked = 0
-    for _, group in counted(rows, STRICT, shipped(recipe)).groupby(columns):
+    page = (recipe_folder(root, recipe) / "leaderboard.html").read_text()
+    data = json.loads(page.partition('<script type="application/json" id="data">')[2].partition("</script>")[0])
+    shown = [row for row in data["rows"] if row["protocol"] == "strict"]
+    groups = [group for _, group in counted(rows, STRICT, shipped(recipe)).groupby(columns)]
+    for group in groups:
         row = group.iloc[0]
-        (section,) = [part for part in sections if part.startswith(f"{row.robot}, {setting_text(row)}\n")]
-        star = "" if len(group) == 300 else r"\*"
-        entry = r" \(entry\)" if row.entry_hash else ""
-        line = (
-            rf"\| {row.method}{entry},.*\| {row['lambda']:g} +\| {len(group)}{star} +\| {100 * group.p2.mean():.1f} \["
-        )
-        assert re.search(line, section), (row.robot, row.setting, row.method, line)
-        checked += 1
-    arms = [part for part in sections if part.split(",")[0] in ROBOTS]
-    assert checked == sum(part.count("batches of") for part in arms) > 0
+        (same,) = [
+            one
+            for one in shown
+            if (one["robot"], one["setting_text"]) == (row.robot, setting_text(row))
+            and all(one[name] == row[name] for name in columns[len(ARM) + 1 :] if name != "field_fingerprint")
+            and one["lambda"] == row["lambda"]
+            and one["method"] == row.method
+        ]
+        assert (same["n"], same["complete"]) == (len(group), len(group) == 300)
+        assert same["p2"] == pytest.approx(group.p2.mean(), abs=1e-6)
+    assert len(shown) == len(groups) > 0
+
+
+@pytest.mark.results
+def test_the_published_document_says_what_the_published_rows_say():
+    """Each figure of direct transfer and each gain, by plain counting."""
+    text = (Path(__file__).parents[1] / "results" / "LEADERBOARD.md").read_text()
+    for suite in ("push-v1", "official"):
+        section = re.split("\n#+ ", text.partition(f"Suite `{suite}`\n")[2])[0]
+        rows = read_tables(Path(__file__).parents[1] / "results" / "suites", BLOCK_PUSH.name)
+        rows = rows[rows.episode_seed.isin(STRICT.scenes)]
+        conditions = suite_conditions(suite)
+        for name, arm in suite_arms(conditions, BLOCK_PUSH).items():
+            of = by_condition(rows, {name: arm})[name].set_index(["checkpoint", "episode_seed"])
+            direct = of.p2[of.method == "direct"].astype(float)
+            saturated = ", saturated" * (conditions[name].saturated and suite == "push-v1")
+            (line,) = re.findall(rf"^\| {name}{saturated} .*$", section, re.MULTILINE)
+            assert f"| {100 * direct.mean():.1f} [" in line
+            for method in ("paper", "projection", "reorder"):
+                assert f"| {100 * (of.p2[of.method == method].astype(float) - direct).mean():+.1f} [" in line

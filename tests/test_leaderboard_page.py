@@ -10,9 +10,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from benchmark.episodes.arm import suite_arms
+from benchmark.scoring.ceiling import Ceiling
 from benchmark.scoring.leaderboard_page import page
 from benchmark.scoring.oracle_scores import with_oracles
 from benchmark.scoring.ranking import counted, leaderboard, protocols_of
+from benchmark.scoring.suite_table import standing
+from benchmark.settings.config import ConditionConfig
 from envs.block_push.task import BLOCK_PUSH
 
 pytestmark = pytest.mark.system
@@ -54,12 +58,28 @@ def tables(transfer_episodes):
 
 
 @pytest.fixture(scope="module")
-def file(tables, tmp_path_factory):
+def standings(transfer_episodes):
+    """Of two made-up suites: with head-room on the UR3, and with none."""
+    rows = counted(transfer_episodes, STRICT, {*transfer_episodes.checkpoint_hash})
+    scenes, policies = sorted({*rows.episode_seed}), sorted({*rows.checkpoint})
+    ceiling = Ceiling(tuple(scenes), tuple(policies), ("1" * len(scenes),) * len(policies), {})
+    suites = {
+        "mine": {"here": ConditionConfig("ur3", cause="outer reach"), "there": ConditionConfig("ur5", saturated=True)},
+        "easy": {"there": ConditionConfig("ur5", saturated=True)},
+    }
+    return [
+        standing(name, of, suite_arms(of, BLOCK_PUSH), dict.fromkeys(of, ceiling), rows, BLOCK_PUSH)
+        for name, of in suites.items()
+    ]
+
+
+@pytest.fixture(scope="module")
+def file(tables, standings, tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     frames = np.zeros((2, 30, 40, 3), np.uint8)
     frames[1] = 255
     imageio.imwrite(folder / "ur3-embodied-lambda0.5-100000.webp", frames, duration=100, loop=0)
-    (folder / "leaderboard.html").write_text(page(BLOCK_PUSH, tables, folder))
+    (folder / "leaderboard.html").write_text(page(BLOCK_PUSH, tables, folder, standings=standings))
     return folder / "leaderboard.html"
 
 
@@ -126,6 +146,129 @@ def test_it_shows_the_figures_of_the_table_and_fetches_nothing(opened, tables):
     assert "64.6 (62.8 to 71.9)" in column(browser, "paper's score")
 
 
+def ranked(browser):
+    """The ranking of a suite, by method and column."""
+    titles = [cell.text.replace("\n", " ") for cell in browser.find_elements("css selector", "#methods thead th")]
+    return {
+        row.find_element("tag name", "th").text: dict(
+            zip(titles[1:], [cell.text for cell in row.find_elements("tag name", "td")], strict=True)
+        )
+        for row in browser.find_elements("css selector", "#methods tbody tr")
+    }
+
+
+def press(browser, group, text):
+    (button,) = [x for x in browser.find_elements("css selector", f"#{group} button") if x.text == text]
+    button.click()
+
+
+def number(text):
+    return float(re.search(r"[−+]?[\d.]+", text)[0].replace("−", "-"))
+
+
+def test_it_begins_with_how_methods_rank_and_what_they_gain_on_each_condition(opened, standings):
+    browser, (mine, _) = opened(), standings
+    order = "return [...document.querySelectorAll('h2, h3, table, #curves, #causes')].map(x => x.id || x.textContent)"
+    seen = browser.execute_script(order)
+    assert seen[:3] == ["How to read it", "Which method gains most", "methods"]
+    assert seen.index("methods") < seen.index("ranking") < seen.index("curves") < seen.index("causes")
+    assert seen[-1] == "How to submit"
+    shown, ranking = ranked(browser), mine.ranking.set_index("method")
+    assert [*shown][-2:] == ["direct", "ceiling"] and len(shown) == len(mine.methods) + 2 == 5
+    assert [name.split()[0] for name in shown][:-2] == [method for method, _ in mine.methods]
+    for row in mine.table.to_dict("records"):
+        if row["method"] == "direct":
+            assert number(shown["direct"][_title(row)]) == pytest.approx(100 * row["p2"], abs=0.051)
+            assert number(shown["ceiling"][_title(row)]) == 100
+            continue
+        cells = shown[f"{row['method']} {row['lambda']:g}"]
+        assert number(cells[_title(row)]) == pytest.approx(100 * row["difference"], abs=0.051)
+        assert number(cells["share"]) == pytest.approx(100 * ranking.share[row["method"]], abs=0.051)
+        assert number(cells["worst"]) == pytest.approx(100 * ranking.worst[row["method"]], abs=0.051)
+        if row["method"] == "pull-back":  # It was not rolled out on the saturated condition.
+            assert cells["harm"] == cells["there saturated"] == "–"
+        else:
+            assert number(cells["harm"]) == pytest.approx(100 * ranking.harm[row["method"]], abs=0.051)
+    assert shown["projection 0.01"]["needs"] == "arm's description" and shown["pull-back 1"]["needs"] == "not stated"
+
+
+def _title(row):
+    return row["condition"] + (" saturated" if row["saturated"] else "")
+
+
+def test_each_figure_has_its_interval(opened, standings):
+    browser, cells = opened(), standings[0].table.set_index(["method", "condition"])
+    shown = browser.find_elements("css selector", "#methods tbody td.condition [title]")
+    assert len(shown) == 9  # Three methods, of which one lacks a condition, direct transfer and the ceiling.
+    of = cells.loc[standings[0].methods[0][0], "here"]
+    ends = [number(end) for end in shown[0].get_attribute("title").partition("[")[2].split(",")]
+    assert ends == pytest.approx([100 * of.difference_low, 100 * of.difference_high], abs=0.051)
+    shown[0].click()  # A phone has nothing to point with.
+    assert browser.find_element("id", "told").text == f"{shown[0].text}: {shown[0].get_attribute('title')}"
+    (here,) = [x for x in browser.find_elements("css selector", "#methods th.condition") if x.text == "here"]
+    assert here.get_attribute("title") == "ur3; outer reach"
+
+
+def test_a_click_on_an_arm_shows_its_conditions_alone_and_the_address_keeps_it(opened):
+    browser = opened()
+    assert [x.text for x in browser.find_elements("css selector", "#arms button")] == ["all", "ur3", "ur5"]
+    every = ranked(browser)
+    press(browser, "arms", "ur3")
+    few = ranked(browser)
+    assert [{*every[name]} - {*few[name]} for name in every] == [{"there saturated"}] * 5
+    assert all(few[name][title] == every[name][title] for name in few for title in few[name])
+    assert browser.find_element("id", "told").text.startswith("1 of 2 conditions")
+    assert browser.switch_to.active_element.text == "ur3"
+    opened("#" + browser.current_url.partition("#")[2])
+    assert ranked(browser) == few
+    press(browser, "arms", "all")
+    assert ranked(browser) == every
+
+
+def test_conditions_are_shown_in_shares_and_another_suite_by_itself(opened, standings):
+    browser = opened()
+    points = ranked(browser)
+    press(browser, "units", "percent of the head-room")
+    for name, cells in [*ranked(browser).items()][:-2]:
+        room = 100 - number(points["direct"]["here"])
+        assert number(cells["here"]) == pytest.approx(100 * number(points[name]["here"]) / room, abs=0.3)
+        assert cells["there saturated"] == "–" and cells["share"] == points[name]["share"]
+    press(browser, "suites", "easy")
+    shown = ranked(browser)
+    assert {*shown["direct"]} == {"there", "needs"} and not browser.find_element("id", "units").is_displayed()
+    assert [shown[name]["there"] for name in shown] == [points[name]["there saturated"] for name in shown]
+
+
+def test_a_board_without_suites_begins_with_its_arms(browser, tables, tmp_path):
+    (tmp_path / "page.html").write_text(page(BLOCK_PUSH, tables, tmp_path))
+    browser.get((tmp_path / "page.html").as_uri())
+    assert not browser.find_element("id", "best").is_displayed() and len(column(browser, "n")) == 7
+
+
+def test_it_says_how_to_submit(opened):
+    said = opened().find_element("id", "submit").text
+    assert "benchmark.run suite=quick method=" in said and "benchmark.enter entry=" in said
+
+
+@pytest.mark.parametrize("published", [False, True])
+def test_print_holds_every_column_and_the_intervals(browser, file, published):
+    """A4 on its long side, less margins of 10 mm, is 1047 points wide."""
+    page = {"width": 1047, "height": 718, "deviceScaleFactor": 1, "mobile": False}
+    browser.get((RESULTS / "leaderboard.html" if published else file).as_uri())
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", page)
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    try:
+        ends = "return [...document.querySelectorAll('table')].map(x => x.getBoundingClientRect().right)"
+        assert max(browser.execute_script(ends)) <= 1047
+        between = browser.find_elements("css selector", "#methods .in-print")
+        assert between and all(text.is_displayed() and text.text[0] == "[" for text in between)
+        assert not browser.find_element("tag name", "form").is_displayed()
+        assert not browser.find_element("id", "arms").is_displayed()
+    finally:
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
 def test_the_papers_score_stands_beside_what_the_paper_ran_and_nothing_else(opened):
     browser = opened()
     script = """return [["direct", 0], ["paper", 0.5], ["paper", 2], ["towards", 0.5]].map(([method, lambda]) =>
@@ -179,12 +322,14 @@ def test_the_keyboard_reaches_filters_titles_and_rows(opened):
     from selenium.webdriver.common.keys import Keys
 
     browser, reached = opened(), []
-    for _ in range(40):
+    for _ in range(50):
         browser.switch_to.active_element.send_keys(Keys.TAB)
         reached.append(browser.switch_to.active_element)
     named = [x.get_attribute("name") or x.get_attribute("aria-label") or x.text for x in reached]
     assert named[0].startswith("How to read it")
-    assert ["protocol", "setting", "robot", "method", "text", "All", "Ranking", "method", "λ"] == named[1:10]
+    assert named[1:8] == ["mine", "easy", "all", "ur3", "ur5", "points", "percent of the head-room"]
+    assert named[8] == "Which method gains most"
+    assert ["protocol", "setting", "robot", "method", "text", "All", "Ranking", "method", "λ"] == named[9:18]
     assert "Policies of projection 0.01 on ur3, embodied" in named
     reached[named.index("success at end")].send_keys(Keys.ENTER)
     assert browser.find_element("css selector", "th[aria-sort=descending]").text.startswith("success at end")
@@ -276,11 +421,23 @@ def test_a_phone_shows_the_page_in_its_width(opened):
             assert browser.execute_script("return [innerWidth, document.documentElement.scrollWidth]") == [390, 390]
             scrolls = "return [...document.querySelectorAll('.scroll')].map(x => [x.clientWidth, x.scrollWidth])"
             assert all(seen < 390 < whole for seen, whole in browser.execute_script(scrolls))
+            check_ranking_on_a_phone(browser)
             assert min(bar.rect["width"] for bar in browser.find_elements("css selector", "#causes .bar")) > 250
             parts = browser.find_elements("css selector", "#causes *, figure, form *")
             assert max(part.rect["x"] + part.rect["width"] for part in parts) <= 390
     finally:
         browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def check_ranking_on_a_phone(browser):
+    """Methods keep their names beside the conditions, and every button can be pressed by a finger."""
+    scrolled = "arguments[0].scrollLeft = arguments[0].scrollWidth; return arguments[0].scrollLeft"
+    area = browser.find_element("css selector", ".scroll:has(#methods)")
+    assert browser.execute_script(scrolled, area) > 0
+    left = "return [...document.querySelectorAll('#methods .name')].map(x => x.getBoundingClientRect().left)"
+    assert {*browser.execute_script(left)} == {area.rect["x"] + 1}
+    buttons = [x.rect for x in browser.find_elements("css selector", ".choices button")]
+    assert all(each["x"] + each["width"] <= 390 and each["height"] >= 32 for each in buttons)
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -290,7 +447,7 @@ def test_texts_stand_out_in_light_and_dark(opened, scheme):
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
     ground = luminance(browser.find_element("tag name", "body").value_of_css_property("background-color"))
     assert (ground > 0.5) == (scheme == "light")
-    for text in ("h1", ".soft", "th button", "td", "td .soft", "output", "select", ".entry"):
+    for text in ("h1", ".soft", "th button", "td", "td .soft", "output", "select", ".entry", "[aria-pressed=true]"):
         ink = luminance(browser.find_element("css selector", text).value_of_css_property("color"))
         dark, light = sorted((ink, ground))
         assert (light + 0.05) / (dark + 0.05) >= 4.5, text  # WCAG 2.2, level AA.

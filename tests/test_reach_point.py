@@ -8,7 +8,7 @@ import sys
 import pytest
 from rich.console import Console
 
-from benchmark import enter, leaderboard, oracle, replay
+from benchmark import enter, leaderboard, oracle, replay, show
 from benchmark.artifacts.known_policies import chosen_checkpoint
 from benchmark.enter import EnterConfig
 from benchmark.episodes.episode import row_id
@@ -126,9 +126,13 @@ def test_an_entry_is_evaluated_and_what_is_sent_with_it_checked(tmp_path, capsys
 def test_the_report_and_the_leaderboard_have_the_tasks_scores_and_texts(stored, tmp_path, capsys):
     enter.main(entered(write_entry(tmp_path / "entry"), stored / "entries", episodes=20))
     leaderboard.main(LeaderboardConfig(task=TASK, output_dir=str(stored)))
-    text = (stored / "reach_point" / "LEADERBOARD.md").read_text()
+    board = (stored / "reach_point" / "LEADERBOARD.md").read_text()
+    assert "task=reach_point" in board and "| ur3, embodied, version" in board and "p2" not in board
+    capsys.readouterr()
+    show.main(show.ShowConfig(task=TASK, table=str(stored), protocol="strict"))
+    text = capsys.readouterr().out
     assert "`reached` is the tip within 2 cm of the point" in text and "`closeness` is which part" in text
-    assert "*Stuck* is the share" in text and "Table 3" not in text and "p2" not in text and "task=reach_point" in text
+    assert "*Stuck* is the share" in text and "Table 3" not in text and "p2" not in text
     direct = read_episodes(stored).query("robot == 'ur3'").reached.mean()
     line = next(line for line in text.splitlines() if line.startswith("| direct") and f"| {100 * direct:.1f} [" in line)
     assert "outer_reach" in line

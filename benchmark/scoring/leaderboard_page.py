@@ -3,22 +3,26 @@
 import base64
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from markdown_it import MarkdownIt
 
 from benchmark.episodes.arm import setting_text
-from benchmark.scoring.leaderboard_text import PROTOCOL_TEXTS, how_to_read, mechanism_text, policies_text
+from benchmark.scoring.protocol_text import PROTOCOL_TEXTS, how_to_read, mechanism_text, policies_text
 from benchmark.scoring.published import TABLE_3
+from benchmark.scoring.suite_ranking import needs_text
 from benchmark.settings.recipe import USUAL
 from benchmark.settings.robot_config import PAPER_ARMS
+from policies.methods import DIRECT
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from benchmark.scoring.ranking import Protocol
+    from benchmark.scoring.suite_table import Standing
     from envs.task import Task
 
 TEMPLATE = Path(__file__).with_suffix(".html")
@@ -27,7 +31,13 @@ PICTURES = 4
 """Most moving pictures of an arm."""
 
 
-def page(task: "Task", tables: "dict[Protocol, pd.DataFrame]", figures: Path, recipe: str = USUAL) -> str:
+def page(
+    task: "Task",
+    tables: "dict[Protocol, pd.DataFrame]",
+    figures: Path,
+    recipe: str = USUAL,
+    standings: "Sequence[Standing]" = (),
+) -> str:
     """The page.
 
     Args:
@@ -35,6 +45,7 @@ def page(task: "Task", tables: "dict[Protocol, pd.DataFrame]", figures: Path, re
         tables: The leaderboard of each protocol.
         figures: Folder of moving pictures, `<arm>-<setting>-<method and scale>-<seed>.webp` (`benchmark.record`).
         recipe: Of the policies.
+        standings: How methods rank on each suite.
     """
     rows = [
         row | {"protocol": protocol.name, "setting_text": setting_text(row)}
@@ -45,6 +56,7 @@ def page(task: "Task", tables: "dict[Protocol, pd.DataFrame]", figures: Path, re
     commits = sorted({commit for row in rows for commit in row["commits"]})
     data = {
         "rows": rows,
+        "suites": [suite(standing, task) for standing in standings],
         "protocols": {
             protocol.name: {"scores": protocol.scores, "text": PROTOCOL_TEXTS[protocol.name].replace("`", "")}
             for protocol in tables
@@ -64,6 +76,39 @@ def page(task: "Task", tables: "dict[Protocol, pd.DataFrame]", figures: Path, re
     prose |= {"ranked": task.ranking[0].replace("_", " "), "meaning": meaning}
     filled = prose | {"data": json.dumps(data).replace("<", "\\u003c")}
     return re.sub(r"{{(\w+)}}", lambda place: filled[place[1]], TEMPLATE.read_text())
+
+
+def suite(of: "Standing", task: "Task") -> dict[str, Any]:
+    """How methods rank on a suite and what they gain on each of its conditions, as the page holds it.
+
+    `conditions` has what there is to know of each, with the score that ranks of direct transfer and the ceiling, by the
+    names of its columns; `methods` those of the ranking, with their gains by condition.
+    """
+    name = task.ranking[0]
+    cells = [
+        row | {"score": row[name], "score_low": row[f"{name}_low"], "score_high": row[f"{name}_high"]}
+        for row in json.loads(of.table.to_json(orient="records", double_precision=6))
+    ]
+    direct = {cell["condition"]: cell for cell in cells if cell["method"] == DIRECT}
+    conditions = [
+        {"name": key, "robot": condition.robot, "cause": condition.cause, "saturated": condition.saturated}
+        | direct[key]
+        for key, condition in of.conditions.items()
+        if key in direct
+    ]
+    ranked = json.loads(of.ranking.to_json(orient="records", double_precision=6))
+    methods = [
+        row
+        | {"needs": needs_text(row["method"])}
+        | {"gains": {cell["condition"]: cell for cell in cells if _key(cell) == _key(row)}}
+        for row in ranked
+        if _key(row) in of.methods
+    ]
+    return {"name": of.suite, "ranks": of.ranks, "conditions": conditions, "methods": methods, "said": of.remarks}
+
+
+def _key(row: dict[str, Any]) -> tuple[str, float]:
+    return row["method"], row["lambda"]
 
 
 def pictures(folder: Path) -> list[dict[str, str]]:

@@ -1,141 +1,103 @@
-"""The leaderboard as a document."""
+"""The leaderboard as a short document: how methods rank, what they gain on each condition, and where all else is."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from itertools import chain
-from typing import Any
 
 import pandas as pd
 
-from benchmark.episodes.arm import ARM, base_text, branch_text, changes, setting_text
+from benchmark.episodes.arm import ARM, changes, of_arm, setting_text
+from benchmark.scoring.protocol_text import PROTOCOL_TEXTS, TASK
 from benchmark.scoring.published import TABLE_3
 from benchmark.scoring.ranking import PAPER, Protocol
-from benchmark.scoring.scores import causes_text, difference_text, with_interval
-from benchmark.settings.config import RunConfig
-from benchmark.settings.recipe import RECIPES, USUAL
+from benchmark.scoring.scores import difference_text, with_interval
+from benchmark.scoring.suite_table import Standing, gains_text
+from benchmark.settings.recipe import USUAL
 from envs.task import Task
-
-TASK = RunConfig.task
-"""What is meant where no task is named."""
+from policies.methods import DIRECT
 
 TEXT = """# Leaderboard
 
-Made by `python -m benchmark.leaderboard{setting}` from the stored episodes alone. With filters, curves and moving
-pictures: [`leaderboard.html`](leaderboard.html).
-"""
+Made by `python -m benchmark.leaderboard{setting}` from the stored episodes alone. The same by arm, with curves, causes
+and moving pictures: [`leaderboard.html`](leaderboard.html), one file for the browser."""
 
 RANKED_TEXT = """## Which method gains most
 
 The share of head-room is what a method gains over direct transfer, divided by what the frozen ceiling gains, over the
 conditions of a suite that are not saturated; in percent, with a 95 % interval for other trainings and other scenes.
-docs/protocol.md says what the other columns are, and docs/methods.md what the methods do. `python -m benchmark.show
-suite=push-v1` shows each condition."""
+Where the first three stand in another order on even scenes than on odd ones, they are called tied. What the other
+columns are says the [protocol](../docs/protocol.md#one-number-for-each-method), what methods do,
+[methods](../docs/methods.md)."""
 
-HOW_TO_READ = """- **Episodes**: the scenes of a protocol (docs/protocol.md), the same for all arms, methods and scales.
-- **Scores**, in percent: {scores}.
-- **[ ]** are 95 % intervals for other trainings and other episodes: a bootstrap of training seeds crossed with episode
-  seeds (Owen & Eckles 2012; all draws at once, in closed form), with Student's t since trainings are few. With one
-  training they are for other episodes alone. With few episodes they are wide also where all agree, since other scenes
-  may be harder. Those of single policies and of oracles are Wilson's.
-- **Difference** is that to direct transfer, same policies, same episodes, in points; of an entry with a policy of its
-  own, that to each of ours. Its interval is for other trainings as well. Its p is for these trainings alone: of all
-  flips of the sign of whole episodes, which for one training and a rate is the exact McNemar test; *Holm* is adjusted,
-  each score by itself, for all arms, methods and scales of the protocol's setting that are whole (no *); an entry's
-  for these and its own.
-- **Reference** and **planner** are the scripted oracle that knows nothing of the arm and the one that does, on the
-  same scenes, by the same code. A policy may beat either; ceilings are those of suites (docs/protocol.md).
-- **Failed by cause**: an episode failed if it never had {success}. What was undone later has no cause.
-- **n** counts episodes, of all policies; * marks a row that lacks policies or episodes of the protocol, or some of
-  direct transfer's that it is compared with, and so comes last. *(entry)*: evaluated by `benchmark.enter`. A dash: not
-  measured.
-- **What counts**: rows of a protocol's settings, episodes and batches, by policies that ship with the project and
-  learned so, or by entries, which stand beside the usual policies. Other episode versions have sections, and
-  Holm families, of their own: a version rises when the same seed comes to give another episode.
-"""
-
-PROTOCOL_TEXTS = {
-    "paper": "Setting `original` (just the arm swapped). The paper's 50 scenes, three policies of each training seed.",
-    "strict": "Settings `embodied` and `best`. The 100 scenes for tables, the best checkpoint of each training seed.",
-}
+GAINS_TEXT = (
+    """Direct transfer and the ceiling in percent, then what each method gains over direct transfer, in points."""
+)
 
 PAPER_TEXT = """Score, mean over nine policies (* over fewer), and their least and most. Which λ the paper's guided
 column is of, it does not say; ours is the curve up to λ = 1, where the paper's ends, from its lowest to its highest
 point."""
 
-ARM_CHANGED_TEXT = """Direct transfer with the base where the arm's own map puts it (`best`) or elsewhere, with the
-wrist in the other branch, or with another weight of orientation in the inverse kinematics, so that the tool may lean,
-minus direct transfer on the arm of the setting `embodied`: same policies, same episodes, in points; intervals and p as
-above, but not adjusted."""
+SHOWN_TEXT = "every score with its p-value, causes, and policy by policy"
 
-
-def how_to_read(task: Task) -> str:
-    """What the columns are."""
-    scores = {score.name: score.text for score in task.scores}
-    said = "; ".join(f"`{name}` is {scores[name]}" for name in dict.fromkeys((*task.headline[::-1], *task.ranking)))
-    return HOW_TO_READ.format(scores=said, success=task.success)
-
-
-def policies_text(task: Task, recipe: str) -> str:
-    """Whose episodes count."""
-    if task.name != TASK:
-        return "- **Policies**: those that ship for this task, or where none do, all that were rolled out."
-    return f"- **Policies** learned from {RECIPES[recipe]}."
-
-
-def mechanism_text(task: Task) -> str:
-    """What the columns of the table of what guidance changed are."""
-    return f"In percent, then the difference to direct transfer in points. {task.traits_text}"
+SUBMIT_TEXT = """A method of yours: [is it any good?](../docs/evaluate.md#is-my-idea-any-good) first, then
+[submit](../docs/submit.md). What was found: [findings](../docs/findings.md)."""
 
 
 def markdown(
-    task: Task, tables: dict[Protocol, pd.DataFrame], recipe: str = USUAL, ranked: Mapping[str, str] | None = None
+    task: Task, tables: dict[Protocol, pd.DataFrame], recipe: str = USUAL, standings: Sequence[Standing] = ()
 ) -> str:
-    """The leaderboards of all protocols as one document, of the policies of a recipe; first, by the suite's name, how
-    its methods rank (`suite_table.rankings`)."""
-    given = [
-        "",
-        *([f"task={task.name}"] if task.name != TASK else []),
-        *([f"recipe={recipe}"] if recipe != USUAL else []),
-    ]
-    parts = [TEXT.format(setting=" ".join(given))]
-    if ranked:
-        parts += [RANKED_TEXT, *chain(*((f"### Suite `{suite}`", text) for suite, text in ranked.items()))]
-    parts += ["## How to read the tables below", policies_text(task, recipe) + "\n" + how_to_read(task)]
+    """The leaderboard as a document: how methods rank on each suite and what they gain on its conditions, then what the
+    protocols have besides, of the policies of a recipe."""
+    given = [*([f"task={task.name}"] if task.name != TASK else []), *([f"recipe={recipe}"] if recipe != USUAL else [])]
+    parts = [TEXT.format(setting=" ".join(["", *given]))]
+    for of in standings:
+        parts += [RANKED_TEXT, f"### Suite `{of.suite}`", *of.text] if of.ranks else [f"## Suite `{of.suite}`"]
+        parts += [GAINS_TEXT, gains_text(of, task)]
     for protocol, table in tables.items():
-        table = in_order(table, protocol)
-        parts += [f"## Protocol `{protocol.name}`", PROTOCOL_TEXTS[protocol.name]]
         if protocol == PAPER:
-            parts += ["### Beside the paper's Table 3", PAPER_TEXT, _text(beside_the_paper(table))]
-        for _, rows in table.groupby([*ARM, "episode_version"], sort=False):
-            first = rows.iloc[0]
-            parts += [f"### {first.robot}, {setting_text(first)}", arm_text(rows, task), _text(scores(rows, protocol))]
-        if len(moved := between_settings(table, protocol, task)):
-            parts += ["### How the arm stands and holds its tool", ARM_CHANGED_TEXT, _text(moved)]
-        if task.plan or task.traits:
-            parts += ["### What guidance changed", mechanism_text(task), _text(mechanism(table, task))]
-        if protocol.best_only:
-            parts += ["### Policy by policy", _text(by_policy(table, protocol))]
+            parts += ["## Beside the paper's Table 3", PROTOCOL_TEXTS[PAPER.name], PAPER_TEXT]
+            parts += [_text(beside_the_paper(table))]
+        elif len(left := beside_suites(table, standings)):
+            parts += [f"## Protocol `{protocol.name}`", PROTOCOL_TEXTS[protocol.name]]
+            parts += [_score_text(task, protocol), _text(gains(left, protocol))]
+    parts += ["## All else", "\n".join(_elsewhere(tables, standings, given)), SUBMIT_TEXT]
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
 
-def in_order(table: pd.DataFrame, protocol: Protocol) -> pd.DataFrame:
-    """Arm by arm the best method first, or for the paper's protocol along its curve."""
-    if protocol != PAPER:
-        return table
-    arms = table.groupby([*ARM, "episode_version"], sort=False)
-    return pd.concat([rows.sort_values(["method", "lambda"]) for _, rows in arms])
+def beside_suites(table: pd.DataFrame, standings: Sequence[Standing]) -> pd.DataFrame:
+    """The rows of arms that are in none of the suites shown."""
+    shown = [of_arm(table, arm).index for of in standings for arm in of.arms.values()]
+    return table.drop(index=[*{*chain(*shown)}])
+
+
+def gains(table: pd.DataFrame, protocol: Protocol) -> pd.DataFrame:
+    """A row for each arm: what direct transfer comes to, in percent, and what each method gains over it, in points; a
+    column for each method."""
+    name, lines = protocol.scores[0], []
+    columns = [DIRECT, *dict.fromkeys(_column(row) for _, row in table.iterrows() if row.method != DIRECT)]
+    for (*_, version), rows in table.groupby([*ARM, "episode_version"], sort=False):
+        first = rows.iloc[0]
+        line = {"arm": f"{first.robot}, {setting_text(first)}, version {version}"} | dict.fromkeys(columns, "-")
+        for _, row in rows.iterrows():
+            gained = not pd.isna(row[f"{name}_difference"])
+            text = difference_text(row, f"{name}_difference") if gained else with_interval(row, name)
+            text += "" if row.complete else "*"
+            before = line[_column(row)]
+            line[_column(row)] = text if before == "-" else f"{before}; {text}"  # It was run in several ways.
+        lines.append(line)
+    return pd.DataFrame(lines)
 
 
 def beside_the_paper(table: pd.DataFrame) -> pd.DataFrame:
     """The paper's success of each arm and ours, direct and guided as the paper guides."""
     rows = []
-    for _, of_arm in table.groupby([*ARM, "episode_version"], sort=False):
-        robot = of_arm.robot.iloc[0]
-        direct = of_arm[of_arm.method == "direct"]
-        guided = of_arm[(of_arm.method == "paper") & (of_arm["lambda"] <= 1)].sort_values("score")
+    for _, rows_of in table.groupby([*ARM, "episode_version"], sort=False):
+        robot = rows_of.robot.iloc[0]
+        direct = rows_of[rows_of.method == "direct"]
+        guided = rows_of[(rows_of.method == "paper") & (rows_of["lambda"] <= 1)].sort_values("score")
         published = TABLE_3[robot]
         rows.append(
             {
-                "arm": ", ".join([robot, *changes(of_arm.iloc[0], of_arm.setting.iloc[0])]),
+                "arm": ", ".join([robot, *changes(rows_of.iloc[0], rows_of.setting.iloc[0])]),
                 "direct: paper": _published(published.direct),
                 "direct: ours": ", ".join(_mean_and_range(row) for _, row in direct.iterrows()) or "-",
                 "guided: paper": _published(published.guided),
@@ -145,118 +107,36 @@ def beside_the_paper(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def _elsewhere(tables: dict[Protocol, pd.DataFrame], standings: Sequence[Standing], given: list[str]) -> list[str]:
+    """Which command shows what this document leaves out, a line of a list each."""
+    lines = [f"- `python -m benchmark.show suite={of.suite}`: oracles and every method with n." for of in standings]
+    shown = [" ".join([f"python -m benchmark.show protocol={protocol.name}", *given]) for protocol in tables]
+    return [*lines, *(f"- `{command}`: {SHOWN_TEXT}." for command in shown)]
+
+
+def _score_text(task: Task, protocol: Protocol) -> str:
+    """What is in the cells of `gains`."""
+    (meaning,) = [score.text for score in task.scores if score.name == protocol.scores[0]]
+    return (
+        f"`{protocol.scores[0]}` of direct transfer in percent ({meaning}), then what each method gains over it, in "
+        "points; * where episodes or policies are missing. Of a method that cannot be paired, its own score."
+    )
+
+
+def _column(row: pd.Series) -> str:
+    """What a method's column is called."""
+    return DIRECT if row.method == DIRECT else f"{row.method}{' (entry)' if row.entry else ''} {row['lambda']:g}"
+
+
 def _ends(curve: pd.DataFrame) -> str:
     """The lowest and the highest point of a curve in λ that is sorted by score."""
     points = (f"{_mean_and_range(row)} at λ {row['lambda']:g}" for _, row in curve.iloc[[0, -1]].iterrows())
     return f"{' to '.join(points)} (cells {curve.cell_size.iloc[0]:g} m)"
 
 
-def arm_text(rows: pd.DataFrame, task: Task) -> str:
-    """How an arm stood, and what the scripted oracles reach on it."""
-    first = rows.iloc[0]
-    may_bind = {"self-collision": first.self_collision, "joint limits": first.joint_limits}
-    binding = " and ".join(name for name, binds in may_bind.items() if binds) or "nothing"
-    oracles = [f"{role}: {oracle_text(first[role], task.ranking[0])}" for role in ("reference", "planner")]
-    return (
-        f"Base {base_text(first)} m, {branch_text(first)}, {binding} binding; version {first.episode_version}, "
-        f"commit {', '.join(sorted({*chain(*rows.commits)}))}. "
-        f"{task.ranking[0]} of the {'; of the '.join(oracles)}."
-    )
-
-
-def oracle_text(measured: dict | None, score: str) -> str:
-    """A score of a scripted oracle."""
-    if measured is None:
-        return "-"
-    return f"{with_interval(measured, score)} (n {measured['n']}, seeds from {measured['first']})"
-
-
-def scores(rows: pd.DataFrame, protocol: Protocol) -> pd.DataFrame:
-    """Scores of all methods on one arm."""
-    shown = {**_method(rows), "n": [f"{row.n}{'' if row.complete else '*'}" for row in rows.itertuples()]}
-    for name in protocol.scores:
-        shown |= {
-            name: [with_interval(row, name) for _, row in rows.iterrows()],
-            f"{name}: policies": [_range(row, name) for _, row in rows.iterrows()],
-            f"{name}: difference": [difference_text(row, f"{name}_difference") for _, row in rows.iterrows()],
-            f"{name}: p (Holm)": [_p_values(row[f"{name}_p"], row[f"{name}_holm"]) for _, row in rows.iterrows()],
-        }
-    return pd.DataFrame(shown | {"failed by cause": [causes_text(causes) for causes in rows.causes]})
-
-
-def between_settings(rows: pd.DataFrame, protocol: Protocol, task: Task) -> pd.DataFrame:
-    """What another base, wrist or a leaning tool brings to direct transfer, arm by arm."""
-    shown, headline = [], [name for name in task.headline if name in protocol.scores]
-    for row in rows.dropna(subset=f"{headline[0]}_arm_difference").to_dict("records"):
-        shown.append({"arm": row["robot"], "setting": setting_text(row), "base": base_text(row), "n": row["n"]})
-        for name in headline:
-            shown[-1] |= {
-                name: with_interval(row, name),
-                f"{name}: difference": difference_text(row, f"{name}_arm_difference"),
-                f"{name}: p": f"{row[f'{name}_arm_p']:.2g}",
-            }
-    return pd.DataFrame(shown)
-
-
-def mechanism(rows: pd.DataFrame, task: Task) -> pd.DataFrame:
-    """Which way through the task was taken, and the task's traits."""
-    shown = {"setting": [setting_text(row) for _, row in rows.iterrows()], "arm": rows.robot, **_method(rows)}
-    shown["order changed"] = [
-        "-" if pd.isna(row.order_changed) else with_interval(row, "order_changed") for _, row in rows.iterrows()
-    ]
-    for name, title in ((trait.name, trait.title) for trait in task.traits):
-        shown[title] = [
-            f"{100 * row[name]:.1f}"
-            + ("" if pd.isna(row[f"{name}_difference"]) else f", {difference_text(row, f'{name}_difference')}")
-            for _, row in rows.iterrows()
-        ]
-    return pd.DataFrame(shown)
-
-
-def by_policy(table: pd.DataFrame, protocol: Protocol) -> pd.DataFrame:
-    """Scores of every policy by itself."""
-    rows = []
-    for row in table.to_dict("records"):
-        about = pd.DataFrame([row])
-        for policy in row["policies"]:
-            shown = {"setting": setting_text(row), "arm": row["robot"], **{k: v[0] for k, v in _method(about).items()}}
-            shown |= {"checkpoint": policy["checkpoint"], "n": policy["n"]}
-            for name in protocol.scores:
-                shown[name] = with_interval(policy, name)
-                shown[f"{name}: difference"] = difference_text(policy, f"{name}_difference")
-                shown[f"{name}: McNemar p"] = (
-                    "-" if pd.isna(policy[f"{name}_mcnemar"]) else f"{policy[f'{name}_mcnemar']:.2g}"
-                )
-            rows.append(shown)
-    return pd.DataFrame(rows)
-
-
-def method_text(row: Any) -> str:
-    """A method and what may differ between rows of one method."""
-    sampler = "" if row.sampler == "none" else f", {row.sampler}-{row.sampling_steps}"
-    cells = "" if pd.isna(row.cell_size) else f", cells {row.cell_size:g} m"
-    device = "" if row.device == "cpu" else f", {row.device}"
-    return f"{row.method}{' (entry)' if row.entry else ''}{sampler}, batches of {row.batch_size}{cells}{device}"
-
-
-def _method(rows: pd.DataFrame) -> dict[str, list[str]]:
-    return {
-        "method": [method_text(row) for row in rows.itertuples()],
-        "λ": rows["lambda"].map("{:g}".format).tolist(),
-    }
-
-
-def _p_values(p: float, holm: float) -> str:
-    """A p-value and the adjusted one, which rows that are not whole lack."""
-    return "-" if pd.isna(p) else f"{p:.2g} ({'-' if pd.isna(holm) else f'{holm:.2g}'})"
-
-
-def _range(row: pd.Series, name: str) -> str:
-    return f"{100 * row[f'{name}_least']:.1f} to {100 * row[f'{name}_most']:.1f}"
-
-
 def _mean_and_range(row: pd.Series) -> str:
-    return f"{100 * row.score:.1f}{'' if row.complete else '*'} ({_range(row, 'score')})"
+    least_and_most = f"{100 * row.score_least:.1f} to {100 * row.score_most:.1f}"
+    return f"{100 * row.score:.1f}{'' if row.complete else '*'} ({least_and_most})"
 
 
 def _published(figures: tuple[float, float, float] | None) -> str:

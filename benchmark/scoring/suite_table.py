@@ -1,6 +1,7 @@
 """What methods come to on each condition of a suite, and all that is shown of one."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,11 +10,12 @@ import numpy as np
 from benchmark.episodes.arm import of_arm, suite_arms
 from benchmark.scoring.ceiling import Ceiling, read_ceilings
 from benchmark.scoring.statistics import Crossed, clustered_mean
-from benchmark.scoring.suite_ranking import method_pairs, ranking_text, remarks, suite_ranking
+from benchmark.scoring.suite_ranking import REFERENCES, method_pairs, ranking_text, remarks, suite_ranking
 from benchmark.settings.config import ConditionConfig
-from benchmark.settings.scenes import TABLES
+from benchmark.settings.scenes import FIRST_TEST_SEED, TABLES
 from benchmark.settings.setting import SettingError
 from benchmark.settings.suite import suite_conditions, suite_task, suites
+from policies.methods import DIRECT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -92,46 +94,102 @@ def suite_text(table: "pd.DataFrame", task: "Task") -> str:
     return pd.DataFrame(lines).to_markdown(index=False, disable_numparse=True)
 
 
-def ranking_lines(
-    tables: "Mapping[str, pd.DataFrame]",
+@dataclass(frozen=True)
+class Standing:
+    """What methods come to on a suite, on some scenes."""
+
+    suite: str
+    conditions: Mapping[str, ConditionConfig]
+    arms: "Mapping[str, PlacedArm]"
+    """Of the conditions."""
+    ranking: "pd.DataFrame"
+    """A row for each method and scale (`suite_ranking.suite_ranking`); empty where there are no rows."""
+    table: "pd.DataFrame"
+    """A row for each condition, method and scale (`suite_table`)."""
+    remarks: tuple[str, ...]
+    """What there is to say of the ranking."""
+
+    @property
+    def text(self) -> list[str]:
+        """The ranking and what there is to say of it, for people."""
+        return [] if self.ranking.empty else [*filter(None, [ranking_text(self.ranking), *self.remarks])]
+
+    @property
+    def ranks(self) -> bool:
+        """Whether there is a condition on which something is to be gained."""
+        return not all(condition.saturated for condition in self.conditions.values())
+
+    @property
+    def methods(self) -> list[tuple[str, float]]:
+        """Those that have rows, with their scales, the best first; without references."""
+        shown = self.ranking[~self.ranking.method.isin(REFERENCES)]
+        return [*zip(shown.method, shown["lambda"], strict=True)]
+
+
+def standing(
     suite: str,
     conditions: Mapping[str, ConditionConfig],
+    arms: "Mapping[str, PlacedArm]",
     ceilings: Mapping[str, Ceiling],
+    rows: "pd.DataFrame",
     task: "Task",
-) -> list[str]:
-    """One number for each method on a suite, as a table for people, and what has to be said of it.
+) -> Standing:
+    """What methods come to on a suite.
 
     Args:
-        tables: Rows of each condition (`by_condition`).
         suite: Its name.
         conditions: Its conditions.
+        arms: Of these.
         ceilings: Of these, frozen.
-        task: What the rows are of.
-    """
-    pairs = method_pairs(tables, conditions, ceilings, task)
-    if pairs.empty:
-        return []
-    counted = [name for name, condition in conditions.items() if not condition.saturated]
-    ranking = suite_ranking(pairs, counted)
-    return list(filter(None, [ranking_text(ranking), *remarks(ranking, suite, counted, ceilings)]))
-
-
-def rankings(folder: Path, rows: "pd.DataFrame", task: "Task") -> dict[str, str]:
-    """How methods rank on each suite of a task, by its name: Markdown of `ranking_lines`, of the scenes for tables.
-
-    Args:
-        folder: Ceilings are frozen in `suites/<suite>/ceilings.json` below it; suites without any are left out, and so
-            are those of which all conditions are saturated.
         rows: Of episodes.
         task: What they are of.
     """
-    rows, found = rows[rows.episode_seed.isin(TABLES)], {}
+    tables = by_condition(rows, arms)
+    counted = [name for name, condition in conditions.items() if not condition.saturated]
+    pairs = method_pairs(tables, conditions, ceilings, task)
+    ranking = pairs if pairs.empty else suite_ranking(pairs, counted)
+    said = () if pairs.empty else tuple(remarks(ranking, suite, counted, ceilings))
+    return Standing(suite, conditions, arms, ranking, suite_table(tables, conditions, ceilings, task), said)
+
+
+def standings(folder: Path, rows: "pd.DataFrame", task: "Task") -> list[Standing]:
+    """What methods come to on each suite of a task whose ceilings are frozen for test scenes, on these scenes; those
+    with head-room first.
+
+    Args:
+        folder: Ceilings are frozen in `suites/<suite>/ceilings.json` below it.
+        rows: Of episodes.
+        task: What they are of.
+    """
+    found = []
     for suite in (name for name in suites() if suite_task(name) == task.name):
-        ceilings, conditions = read_ceilings(folder / "suites" / suite / "ceilings.json"), suite_conditions(suite)
-        if ceilings and not all(condition.saturated for condition in conditions.values()):
-            tables = by_condition(rows, suite_arms(conditions, task))
-            found[suite] = "\n\n".join(ranking_lines(tables, suite, conditions, ceilings, task))
-    return found
+        ceilings = read_ceilings(folder / "suites" / suite / "ceilings.json")
+        scenes = {scene for ceiling in ceilings.values() for scene in ceiling.scenes}
+        if scenes and min(scenes) >= FIRST_TEST_SEED:
+            conditions, of_scenes = suite_conditions(suite), rows[rows.episode_seed.isin(scenes)]
+            found.append(standing(suite, conditions, suite_arms(conditions, task), ceilings, of_scenes, task))
+    return sorted((each for each in found if not each.ranking.empty), key=lambda each: not each.ranks)
+
+
+def gains_text(of: Standing, task: "Task") -> str:
+    """A row for each condition, a column for each method, in Markdown: what it gains over direct transfer, in points;
+    what direct transfer and the ceiling come to, in percent."""
+    import pandas as pd
+
+    from benchmark.scoring.scores import difference_text, with_interval
+
+    name, lines = task.ranking[0], []
+    for condition, rows in of.table.groupby("condition", sort=False):
+        by_method = {(row.method, row["lambda"]): row for _, row in rows.iterrows()}
+        line = {"condition": f"{condition}{', saturated' if of.ranks and rows.saturated.iloc[0] else ''}"}
+        if direct := [row for (method, _), row in by_method.items() if method == DIRECT]:
+            line[DIRECT] = with_interval(direct[0], name)
+            line["ceiling"] = "-" if pd.isna(direct[0].ceiling) else with_interval(direct[0], "ceiling")
+        for method, scale in of.methods:
+            row = by_method.get((method, scale))
+            line[f"{method} {scale:g}"] = "-" if row is None else difference_text(row)
+        lines.append(line)
+    return pd.DataFrame(lines).fillna("-").to_markdown(index=False, disable_numparse=True)
 
 
 def show_suite(
@@ -157,11 +215,10 @@ def show_suite(
     """
     in_block = rows.episode_seed.isin(TABLES)
     rows = rows[in_block] if in_block.any() else rows
-    tables = by_condition(rows, arms)
-    if not any(map(len, tables.values())):
+    of = standing(suite, conditions, arms, ceilings, rows, task)
+    if of.table.empty:
         raise SettingError(
             f"These are no episodes of the conditions of suite={suite}. Roll them out: "
             f"python -m benchmark.run suite={suite} method=..."
         )
-    texts = ranking_lines(tables, suite, conditions, ceilings, task)
-    print("\n\n".join([*texts, suite_text(suite_table(tables, conditions, ceilings, task), task)]))
+    print("\n\n".join([*of.text, suite_text(of.table, task)]))

@@ -1,0 +1,71 @@
+"""The published protocols' tables, from all test episodes in a folder."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from benchmark.settings.recipe import USUAL
+from benchmark.settings.scenes import FIRST_TEST_SEED
+from benchmark.settings.setting import SettingError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from benchmark.scoring.ranking import Protocol
+    from benchmark.scoring.suite_table import Standing
+    from envs.task import Task
+
+
+@dataclass(frozen=True)
+class Boards:
+    """What the leaderboard shows."""
+
+    tables: "dict[Protocol, pd.DataFrame]"
+    """Of each protocol that has rows (`ranking.leaderboard`), with oracles."""
+    standings: "Sequence[Standing]"
+    """Of each suite whose ceilings are frozen."""
+
+
+def read_boards(folder: Path, task: "Task", recipe: str = USUAL, protocols: Sequence[str] = ()) -> Boards:
+    """The boards of a task, of the policies of a recipe.
+
+    Args:
+        folder: Every table of episodes below it is read, of policies and of oracles.
+        task: What the episodes are of.
+        recipe: Of the policies; ceilings are of the usual one.
+        protocols: Names of those that are asked for; () for all, and the suites.
+
+    Raises:
+        SettingError: If there are no rows that count.
+    """
+    from rich.console import Console
+
+    from benchmark.artifacts.known_policies import shipped
+    from benchmark.episodes.checked_rows import read_checked
+    from benchmark.scoring.oracle_scores import with_oracles
+    from benchmark.scoring.ranking import counted, leaderboard, protocols_of
+    from benchmark.scoring.suite_table import standings
+    from richmap.progress import progress_bar
+
+    tables = {}
+    with progress_bar(Console(stderr=True)) as progress:
+        reading = progress.add_task("Reading episodes", total=None)
+        episodes = read_checked(folder, task, FIRST_TEST_SEED)
+        progress.remove_task(reading)
+        if recipe != USUAL and len(episodes):
+            episodes = episodes[episodes.entry_hash == ""]
+        ours = shipped(recipe, task.name) or {*episodes.get("checkpoint_hash", ())}
+        for protocol in protocols_of(task):
+            rows = counted(episodes, protocol, ours)
+            if len(rows) and protocol.name in (protocols or (protocol.name,)):
+                track = partial(progress.track, description=f"Rows of protocol {protocol.name}")
+                tables[protocol] = with_oracles(leaderboard(rows, protocol, task, track), episodes, protocol, task)
+    if not tables:
+        raise SettingError(
+            f"There are no test episodes (seeds from {FIRST_TEST_SEED}) of a protocol that count, in any "
+            f"table of episodes under {folder}. Make some: python -m benchmark.run protocol=strict robot=ur3 "
+            f"recipe={recipe}. For a table of any other rows: python -m benchmark.show table={folder}"
+        )
+    return Boards(tables, standings(folder, episodes, task) if recipe == USUAL and not protocols else [])
