@@ -1,14 +1,15 @@
 """The ceilings of a suite's conditions, made once from all that is stored, and frozen with the suite.
 
 python -m benchmark.ceilings suite=push-v1
+python -m benchmark.ceilings suite=quick
 """
 
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.scenes import TABLES, check_scenes
-from benchmark.settings.suite import suite_conditions, suite_task
+from benchmark.settings.scenes import check_scenes
+from benchmark.settings.suite import suite_conditions, suite_scenes, suite_task
 from benchmark.settings.task import chosen_task
 
 
@@ -22,15 +23,18 @@ class CeilingsConfig:
     """Folder of the episodes; empty for results/suites/<suite>."""
     methods: list[str] = field(default_factory=lambda: ["direct", "paper", "projection", "reorder"])
     """Which methods take part besides the scripted oracles."""
-    seed_start: int = TABLES.start
-    """Seed of the first scene."""
-    episodes: int = len(TABLES)
-    """How many scenes; a whole number >= 1."""
+    seed_start: int | None = None
+    """Seed of the first scene; null for the suite's own scenes, or else those for tables."""
+    episodes: int | None = None
+    """How many scenes, a whole number >= 1; null for all of these."""
     output: str = ""
     """File that they go to, which must not be there; empty for results/suites/<suite>/ceilings.json."""
 
     def __post_init__(self) -> None:
         suite_conditions(self.suite)
+        scenes = suite_scenes(self.suite)
+        self.seed_start = scenes.start if self.seed_start is None else self.seed_start
+        self.episodes = len(scenes) if self.episodes is None else self.episodes
         check_setting(self.episodes >= 1, "episodes", self.episodes, "a whole number >= 1")
         check_scenes(self.seed_start, self.episodes)
 
@@ -54,6 +58,7 @@ def main(config: CeilingsConfig) -> None:
     rows = read_tables(table, task.name)
     if rows.empty:
         raise SettingError(f"There are no episodes of {task.name} in {table}.")
+    assert config.seed_start is not None and config.episodes is not None
     scenes = range(config.seed_start, config.seed_start + config.episodes)
     present = rows.episode_version == rows.setting.map(task.episode_version)
     rows = rows[rows.episode_seed.isin(scenes) & rows.method.isin([PLANNER, PLAIN, *config.methods]) & present]
@@ -63,7 +68,9 @@ def main(config: CeilingsConfig) -> None:
             made[name] = ceiling(of_condition, task.success)
         except SettingError as error:
             raise SettingError(
-                f"{name}: {error} Roll them out: python -m benchmark.run -m experiment=tables"
+                f"{name}: {error} Roll them out: python -m benchmark.run -m suite={config.suite} "
+                f"method={','.join([PLAIN, PLANNER, *config.methods])} seeds=[42,43,44] "
+                f"seed_start={config.seed_start} episodes={config.episodes}"
             ) from error
         figures = dict(zip(("c", "c_low", "c_high"), made[name].interval(scenes), strict=True))
         means = {key: f"{100 * value:.1f}" for key, value in made[name].candidates.items()}

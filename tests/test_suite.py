@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from omegaconf import OmegaConf
 from rich.console import Console
 
 from benchmark import show
+from benchmark.ceilings import CeilingsConfig
 from benchmark.episodes.arm import arm_columns, chosen_arms, suite_arms
 from benchmark.scoring.ceiling import Ceiling, ceiling, cross_validated, read_ceilings, save_ceilings
 from benchmark.scoring.statistics import Crossed, clustered_ratio
@@ -19,12 +21,12 @@ from benchmark.scoring.suite_ranking import (
     remarks,
     suite_ranking,
 )
-from benchmark.scoring.suite_table import by_condition, show_suite, suite_table, suite_text
+from benchmark.scoring.suite_table import by_condition, gains_text, show_suite, standings, suite_table, suite_text
 from benchmark.settings.config import ConditionConfig, OracleConfig, RunConfig
 from benchmark.settings.robot_config import ArmConfig
 from benchmark.settings.scenes import PAPER, SEALED, TABLES, VALIDATION
 from benchmark.settings.setting import SettingError
-from benchmark.settings.suite import SUITES, suite_conditions
+from benchmark.settings.suite import SUITES, suite_conditions, suite_scenes
 from benchmark.studies.suite_candidates import verdict
 from benchmark.sweeps.chosen_players import chosen_checkpoints, chosen_players
 from envs.block_push.arm import block_push_arm
@@ -51,7 +53,35 @@ def test_sealed_scenes_are_refused(first, count):
 @pytest.mark.parametrize("suite", NAMES)
 def test_a_suite_has_conditions_that_differ(suite):
     conditions = suite_conditions(suite)
-    assert len({repr((each.robot, each.setting, each.arm)) for each in conditions.values()}) == len(conditions) >= 8
+    assert len({repr((each.robot, each.setting, each.arm)) for each in conditions.values()}) == len(conditions) >= 5
+
+
+def test_the_quick_suite_is_small_and_spread_and_on_validation_scenes():
+    said, conditions, of = OmegaConf.load(SUITES / "quick.yaml"), suite_conditions("quick"), suite_conditions("push-v1")
+    assert len(conditions) * len(said.seeds) * said.episodes <= 250
+    assert {*suite_scenes("quick")} < {*VALIDATION} and len(suite_scenes("quick")) == said.episodes
+    assert all(condition == of[name] and not condition.saturated for name, condition in conditions.items())
+    assert len({condition.robot for condition in conditions.values()}) == 5
+    assert len({condition.cause for condition in conditions.values()}) >= 4
+
+
+def test_ceilings_are_of_a_suites_own_scenes_or_of_those_for_tables():
+    assert suite_scenes("push-v1") == TABLES and CeilingsConfig().episodes == 100
+    quick = CeilingsConfig(suite="quick")
+    assert range(quick.seed_start, quick.seed_start + quick.episodes) == suite_scenes("quick") == range(50_000, 50_050)
+
+
+def test_a_suite_of_validation_scenes_stands_on_no_leaderboard(tmp_path):
+    rows = on_arm(pd.concat([DIRECT, METHOD], ignore_index=True))
+    for suite in ("official", "quick"):
+        made = {name: ceiling(DIRECT, "p2") for name in suite_conditions(suite)}
+        save_ceilings(tmp_path / "suites" / suite / "ceilings.json", made, {})
+    assert standings(tmp_path, rows, BLOCK_PUSH) == []
+    later = {name: replace(each, scenes=tuple(TABLES[:4])) for name, each in made.items()}
+    save_ceilings(tmp_path / "suites" / "official" / "ceilings.json", {"ur3": next(iter(later.values()))}, {})
+    (of,) = standings(tmp_path, rows.assign(episode_seed=rows.episode_seed + 100_000), BLOCK_PUSH)
+    assert of.suite == "official" and not of.ranks and of.methods == [("reorder", 0.01)]
+    assert "| ur3 " in gains_text(of, BLOCK_PUSH) and "+25.0 [" in gains_text(of, BLOCK_PUSH)
 
 
 def test_whoever_is_asked_for_plays_on_every_condition():

@@ -117,8 +117,8 @@ class RunConfig:
     (its code is run, in a process of its own); or plain_oracle or aware_oracle, scripted ones in place of a policy."""
     suite: str = ""
     """Conditions on all of which the method is rolled out, at its chosen scale, in place of robot, setting and arm:
-    push-v1 (conditions with head-room), official (four arms, embodied and best) or buttons-v1 (pressing buttons); a
-    file of conf/suite each."""
+    quick (five conditions and one policy, for a first look), push-v1 (conditions with head-room), official (four arms,
+    embodied and best) or buttons-v1 (pressing buttons); a file of conf/suite each."""
     seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
     """With suite=: training seeds of the policies, in place of seed."""
     conditions: dict[str, ConditionConfig] = field(default_factory=dict)

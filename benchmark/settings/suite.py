@@ -6,6 +6,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from benchmark.settings.composition import CONF
 from benchmark.settings.config import ConditionConfig, RunConfig
+from benchmark.settings.scenes import TABLES
 from benchmark.settings.setting import SettingError
 
 SUITES = CONF / "suite"
@@ -36,6 +37,16 @@ def suite_task(name: str) -> str:
         SettingError: If there is no such suite.
     """
     return str(_suite(name).get("task", RunConfig.task))
+
+
+def suite_scenes(name: str) -> range:
+    """Scenes of which a suite's ceilings are: its own, if its file names the first one, and else those for tables.
+
+    Raises:
+        SettingError: If there is no such suite.
+    """
+    said = _suite(name)
+    return range(said.seed_start, said.seed_start + said.episodes) if "seed_start" in said else TABLES
 
 
 def _suite(name: str) -> DictConfig:
