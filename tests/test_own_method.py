@@ -45,7 +45,7 @@ def test_a_class_is_run_at_a_scale_and_at_its_own_and_keeps_each_rows(brief, tmp
     rows = read_episodes(output)
     assert rows["lambda"].tolist() == [0.0, 0.5, 0.9]
     assert rows.entry_hash[1] == before != rows.entry_hash[2]
-    assert "1 rows of these episodes, by other files of the method" in capsys.readouterr().out
+    assert "other files of the method at this scale are dropped: 1." in " ".join(capsys.readouterr().out.split())
 
 
 def test_its_scales_are_swept_beside_direct_transfer(brief, tmp_path, capsys):

@@ -22,3 +22,4 @@ def test_a_line_is_said_now_and_then_where_no_bar_can_move(terminal, monkeypatch
         assert "Test poses of panda  4/10" not in lines
     else:
         assert before == 0 and lines == ["Test poses of panda  4/10", "Test poses of panda  8/10"]
+        assert said.getvalue().isascii()  # Also its last line.

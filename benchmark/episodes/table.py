@@ -45,7 +45,7 @@ def read_present(path: Path, task: "Task", each_once: bool = True) -> pd.DataFra
 
     table = _read(lambda: parts_below(path), keep=present, each_once=each_once)
     if others:
-        print(f"{others:,} episodes of other versions of {task.name} than the present one are left out of {path}.")
+        print(f"Episodes of other versions of {task.name} than the present one are left out of {path}: {others:,}.")
     return table
 
 

@@ -63,7 +63,7 @@ def play_missing(
         if condition.entry_hash:
             dropped += drop_outdated(folder_of(condition), condition)
     if dropped:
-        console.print(f"{dropped} rows of these episodes, by other files of the method at this scale, are dropped.")
+        console.print(f"Rows of these episodes by other files of the method at this scale are dropped: {dropped}.")
     return stored()
 
 

@@ -73,7 +73,7 @@ def end_sweep() -> None:
     if left_out == len(records):
         raise SettingError("A sweep rolls out the source itself without guidance only: lambda=0.")
     if left_out:
-        print(f"{left_out} jobs would guide the source itself, and are left out.")
+        print(f"Jobs that would guide the source itself are left out: {left_out}.")
     folders = {record.output_dir for record in records if record.output_dir}
     _sum_up(folder, wandb, task, Path(os.path.commonpath(folders)) if folders else folder)
     if failed:

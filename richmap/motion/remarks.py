@@ -95,10 +95,10 @@ def _collisions(robot: RobotDescription) -> list[str]:
     touching = ", ".join(f"{a} and {b} ({100 * share:.0f} %)" for (a, b), share in often.items())
     bare = [link for link in robot.links if link not in robot.shapes]
     lines = [
-        f"Self-collision: {len(check.pairs)} pairs of links are checked, and {100 * check.free_share:.1f} % of random "
-        f"configurations are free. Left out since they always touch: {_pairs(check.in_contact)}. Left out since they "
-        f"are neighbours, or the description or a setting says so: {_pairs(robot.unchecked)}. Links without collision "
-        f"shapes: {some_of(bare) or 'none'}."
+        f"Pairs of links that are checked for self-collision: {len(check.pairs)}. Of random configurations, "
+        f"{100 * check.free_share:.1f} % are free. Left out since they always touch: {_pairs(check.in_contact)}. "
+        f"Left out since they are neighbours, or the description or a setting says so: {_pairs(robot.unchecked)}. "
+        f"Links without collision shapes: {some_of(bare) or 'none'}."
     ]
     if often:
         a, b = next(iter(often))
