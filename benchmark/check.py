@@ -144,13 +144,24 @@ def main(config: CheckConfig) -> None:
     if config.base.is_free and of_robot is not None:
         found = _searched(config, robot, path, of_robot, options, console)
         console.print(base_in_words(found, done), soft_wrap=True)
-    console.print(
-        "Expected success of a policy: not calibrated. No study relates these shares to success yet.", soft_wrap=True
-    )
+    console.print(_expected(config, 1 - done.steps_followed), soft_wrap=True)
     save_check(done, Path(config.output_dir), config.colour)
     if found is not None:
         save_check(found.check, Path(config.output_dir) / "best_base", config.colour)
     console.print(f"Tables, picture and page: {config.output_dir}", soft_wrap=True)
+
+
+def _expected(config: CheckConfig, lost: float) -> str:
+    """What success can be expected, in words: where a study says so of the poses' task."""
+    from benchmark.scoring.expected_success import expected_success
+
+    if config.poses or config.task != "block_push":
+        return "Expected success of a policy: not calibrated. No study relates these shares to success here."
+    expected, low, high = (100 * share for share in expected_success(lost))
+    return (
+        f"Expected success of direct transfer: {expected:.0f} % of the episodes; {low:.0f} to {high:.0f} % on "
+        "nine arms of ten like those of the study that says so (docs/dose_response.md)."
+    )
 
 
 def poses(config: CheckConfig, console: "Console") -> "tuple[PosePath, str]":

@@ -25,7 +25,7 @@ class SpokenProgress(Progress):
     def __init__(self, *columns: ProgressColumn, **settings: Any) -> None:
         super().__init__(*columns, **settings)
         if not self.console.is_terminal:  # The last line, which is printed there too, is then text alone.
-            self.columns = tuple(column for column in self.columns if not isinstance(column, BarColumn))
+            self.columns = [column for column in columns if not isinstance(column, BarColumn)]
         self._said = monotonic()
 
     def update(self, task_id: TaskID, **changes: Any) -> None:

@@ -6,8 +6,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from benchmark.scoring.expected_success import CURVE, MARGIN, expected_success, margin
 from benchmark.studies.dose_response import is_committed
-from benchmark.studies.dose_response_analysis import calibration, correlations, interval, page, partial_correlation
+from benchmark.studies.dose_response_analysis import (
+    calibration,
+    correlations,
+    fit,
+    interval,
+    page,
+    partial_correlation,
+)
 from benchmark.studies.dose_response_arms import held_out, longer, study_arms
 from richmap.motion.kinematics import flange_frames
 from richmap.robots.robots import load_robot
@@ -36,6 +44,24 @@ def test_what_decides_success_is_found_and_predicts_it(table):
     assert np.isnan(partial_correlation(table, "energy"))  # Of what the other one leaves open, which is nothing.
     assert np.abs(calibration(table)["off by"]).max() < 1 / 6000
     assert "n = 14 arms" in page(table, draws=20)
+
+
+def test_a_margin_holds_for_nine_new_arms_in_ten():
+    rng = np.random.default_rng(0)
+    held = [abs(rng.normal()) <= margin(rng.normal(size=19)) for _ in range(4000)]
+    assert 0.88 < np.mean(held) < 0.92
+    assert margin(rng.normal(size=8)) == np.inf  # Too few: the largest of eight is passed by one arm in nine.
+
+
+@pytest.mark.results
+def test_expected_success_is_what_the_study_found():
+    """`benchmark.check` says what can be expected: the curve of the first two thirds of arms, checked on the last."""
+    arms = pd.read_csv("results/dose_response/arms.csv")
+    curve = fit(arms[~arms["last"]])
+    assert curve == pytest.approx(CURVE, rel=1e-6)
+    assert margin(calibration(arms)["off by"].to_numpy()) == pytest.approx(MARGIN, abs=1e-6)
+    expected, low, high = expected_success(0.1)
+    assert 0 <= low < expected < high <= 1
 
 
 def test_the_family_is_drawn_as_one(table):

@@ -51,9 +51,9 @@ class DoseResponseConfig:
     episodes: int = 200
     """Validation scenes that each policy plays on each arm; a whole number >= 1."""
     output_dir: str = "results/dose_response"
-    """Folder of predictors.csv, README.md and dose_response.png."""
-    rows: str = "outputs/dose_response"
-    """Folder of the episodes, and of descriptions of arms that are made up."""
+    """Folder of predictors.csv, and of README.md, arms.csv and dose_response.png, which step=analyse makes."""
+    rows: str = "results/dose_response"
+    """Folder of the episodes."""
     workers: int = 2
     """Processes that sample and play; a whole number >= 1."""
     map: MapConfig = field(default_factory=lambda: MapConfig(cell_size=0.1, theta=0.2, stop_rate=0.05))
@@ -85,9 +85,11 @@ def main(config: DoseResponseConfig) -> None:
 
 def chosen(config: DoseResponseConfig, console: "Console") -> "dict[str, tuple[StudyArm, PlacedArm]]":
     """The arms that were chosen and can hold the tool at the start, by name."""
+    import platformdirs
+
     from benchmark.studies.dose_response_arms import able, study_arms
 
-    arms = study_arms(Path(config.rows) / "arms")
+    arms = study_arms(Path(platformdirs.user_cache_dir("richmap"), "dose_response"))
     names = [arm.name for arm in arms]
     for name in config.arms:
         check_setting(name in names, "arms", name, ", ".join(names))
@@ -152,6 +154,8 @@ def analyse(config: DoseResponseConfig, console: "Console") -> None:
         figure(table).savefig(file, format="png", dpi=110, bbox_inches="tight")
     with replacing(folder / "README.md") as file:
         file.write_text(page(table))
+    with replacing(folder / "arms.csv") as file:
+        table.to_csv(file, index=False)
     console.print(f"{len(table)} arms: {folder / 'README.md'}", soft_wrap=True)
 
 
