@@ -7,15 +7,20 @@ import pytest
 
 from envs import ENVIRONMENTS
 from envs.arm.collision_bounds import PADDING
+from envs.arm.environment import ArmEnv  # noqa: F401, which keeps robosuite's own text from warning.
+from envs.arm.simulation import _first
 
 pytestmark = pytest.mark.system
 
 
 def make(robot, tight=True, **arm):
+    _first.cache_clear()  # Environments of an arm share their model.
     with pytest.MonkeyPatch.context() as patch:
         if not tight:
             patch.setattr("envs.arm.simulation.tighten_bounds", lambda model: None)
-        return gymnasium.make(ENVIRONMENTS[robot], disable_env_checker=True, **arm)
+        env = gymnasium.make(ENVIRONMENTS[robot], disable_env_checker=True, **arm)
+    _first.cache_clear()
+    return env
 
 
 def mesh_vertices_in_world(model, data):

@@ -141,7 +141,7 @@ def test_a_pair_that_often_touches_is_named(arm):
     check = SelfCollision(arm(urdf(wall)))
     share = check.touching[("wall", "hand")]
     assert 0.2 < share and f"wall and hand ({100 * share:.0f} %)" in said and "robot.ignore=[[wall,fore]]" in said
-    assert f"{100 * check.free_share:.1f} % of random configurations are free" in said
+    assert f"Of random configurations, {100 * check.free_share:.1f} % are free" in said
     assert check.free_share == pytest.approx((~check(random_joints(arm(urdf(wall)), 4000))).mean(), abs=0.04)
 
 
