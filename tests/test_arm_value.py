@@ -33,6 +33,8 @@ from richmap.similarity.load_field import load_field
 from richmap.task_spaces.press_buttons import PRESS_BUTTONS_SPACE
 
 POLICY = Path(__file__).parents[1] / "results" / "checkpoints" / "press_buttons" / "seed42-1"
+pytestmark = pytest.mark.system
+
 STATE, SCENE = "observation.state", "observation.environment_state"
 
 

@@ -175,6 +175,7 @@ def test_bodies_that_are_only_seen_are_moved_along(file):
     assert flange_frames(robot, zero)[0] == pytest.approx(flange_frames(custom_robot(file, "base", "tip"), zero)[0])
 
 
+@pytest.mark.system
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="The kernels named are those of x86-64.")
 @pytest.mark.parametrize("kernels", ["Sandybridge", "Haswell"])
 def test_a_description_is_the_same_text_with_the_products_of_another_processor(kernels):
