@@ -130,10 +130,16 @@ def main(config: CheckConfig) -> None:
 
     from benchmark.artifacts.check_files import save_check
     from richmap.paths.check import check
+    from richmap.robots import ROBOTS
+    from richmap.robots.robots import robot_file
 
     console, robot = Console(), config.robot.load()
+    if not config.poses and config.robot.name in ROBOTS:
+        robot = robot_file(config.robot.name).scaled  # As the task has it.
     path, where = poses(config, console)
     console.print(f"Poses: {where}", soft_wrap=True)
+    if robot.scale != 1:
+        console.print(f"Lengths are those of the task, of whose metres one is {robot.scale:g} of {robot.name}'s.")
     _check_metres(path, robot, config.poses)
     options: dict[str, Any] = {"free_roll": config.free_roll, "speed": config.speed}
     of_robot, of_source = _maps(config, robot, console)

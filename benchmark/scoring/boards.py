@@ -58,8 +58,10 @@ def read_boards(folder: Path, task: "Task", recipe: str = USUAL, protocols: Sequ
             episodes = episodes[episodes.entry_hash == ""]
         ours = shipped(recipe, task.name) or {*episodes.get("checkpoint_hash", ())}
         for protocol in protocols_of(task):
+            if protocols and protocol.name not in protocols:
+                continue
             rows = counted(episodes, protocol, ours)
-            if len(rows) and protocol.name in (protocols or (protocol.name,)):
+            if len(rows):
                 track = partial(progress.track, description=f"Rows of protocol {protocol.name}")
                 tables[protocol] = with_oracles(leaderboard(rows, protocol, task, track), episodes, protocol, task)
     if not tables:
