@@ -106,6 +106,7 @@ def test_a_check_leaves_tables_a_picture_and_a_page(arm, demonstrations, tmp_pat
     assert (out / "poses.ply").read_bytes().startswith(b"ply") and (out / "check.png").stat().st_size > 10_000
 
 
+@pytest.mark.system
 def test_a_scaled_arm_is_asked_for_the_task_as_it_has_it(tmp_path, capsys):
     """An SO-101 reaches nothing of the table in full size; it pushes on one that is two fifths as large."""
     check.main(CheckConfig(RobotConfig("so101"), scenes=2, output_dir=str(tmp_path)))

@@ -30,6 +30,7 @@ def test_a_stretched_arm_is_free_and_a_folded_one_is_not(name):
     assert self_collision(robot)(folded)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(("name", "rejected"), [("panda", 0.063), ("ur5", 0.040)])
 def test_some_makers_collision_meshes_are_wider_than_those_shown(name, rejected):
     """What the table of results/self_collision.md says of them."""

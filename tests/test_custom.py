@@ -114,6 +114,7 @@ def test_a_foot_that_is_fixed_to_the_base_does_not_turn_with_the_arm(file):
     assert not check(orbits.poses()[2].astype(float)).any()
 
 
+@pytest.mark.system
 def test_every_stage_reads_the_same_arm_and_its_parts_are_fitted_once(file, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     robot = custom_robot(file, "base", "flange")
@@ -207,6 +208,7 @@ def test_what_a_description_lacks_is_said(file, old, new, message):
         custom_robot(file, "base", "flange")
 
 
+@pytest.mark.system
 def test_what_is_checked_for_self_collision_is_said(file):
     robot = custom_robot(file, "base", "flange")
     said = " ".join(remarks(robot))

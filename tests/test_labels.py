@@ -47,6 +47,7 @@ def test_a_strict_label_holds_in_every_looser_sense():
     assert (loose >= strict).all() and (wrist_free >= strict).all() and loose.sum() > strict.sum()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", ["panda", "ur5e"])
 def test_labels_are_those_of_a_search_for_each_sense_alone(name):
     robot = load_robot(name)

@@ -40,6 +40,7 @@ def errors(robot, joints, positions, rotations):
     return np.linalg.norm(p - positions, axis=1), turn, tilt
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", ["xarm6", "ur3", "panda", "gen3"])
 def test_poses_of_free_configurations_are_solved(name):
     robot = load_robot(name)

@@ -92,6 +92,7 @@ def test_a_joint_is_turned_back_by_a_whole_turn_if_there_is_time():
     assert checked.joints[-1, 0] == pytest.approx(joints[-1, 0] - 2 * np.pi, abs=1e-4)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("joint", [0, 6])
 def test_a_joint_that_turns_without_end_goes_twice_round(joint):
     """The other six joints move as they like, and share in the turning."""

@@ -71,6 +71,7 @@ def test_the_parts_of_a_scaled_arm_are_the_arms_own():
             assert np.allclose(part, small / scale, rtol=1e-6)
 
 
+@pytest.mark.system
 def test_the_task_has_a_scaled_arm_in_its_own_metres():
     """The environment is as ever; gravity is what pulls in those metres."""
     scale = robot_file("px150").scale

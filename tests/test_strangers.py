@@ -116,6 +116,7 @@ def test_links_meet_where_they_do_in_mujoco(arm, tmp_path, default, contact, mee
     assert self_collision(robot)(joints).tolist() == expected and any(expected) == meets
 
 
+@pytest.mark.system
 def test_pairs_are_ignored_that_an_srdf_or_a_setting_names(arm, tmp_path):
     text = urdf(fixed("base", "wall", "0.2 0 0.3", shape=WALL))
     pairs = [*self_collision(arm(text)).pairs]

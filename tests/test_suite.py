@@ -216,6 +216,7 @@ def test_a_ranking_does_not_depend_on_the_order_of_scenes_rows_or_conditions():
     pd.testing.assert_frame_equal(ranking(swapped, conditions, ceilings), found)
 
 
+@pytest.mark.system
 def test_more_scenes_narrow_the_interval_of_a_share():
     few, more = (ranking(*many(scenes=scenes)) for scenes in (20, 80))
     for found in (few, more):
