@@ -1,3 +1,5 @@
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -14,7 +16,9 @@ from benchmark.map_quality.speed import (
     query_speeds,
 )
 from benchmark.settings.map_config import MapConfig
+from richmap.counterparts.rm4d import RM4DConstruction, build_rm4d
 from richmap.geometry.grid import Grid
+from richmap.robots.robots import load_robot
 from richmap.similarity.similarity import direction_moments
 
 pytestmark = pytest.mark.system
@@ -27,12 +31,16 @@ def maps(sampled_map):
     return [sampled_map(name, GRID, 20_000) for name in ("xarm6", "ur3")]
 
 
+def small_rm4d(robot):
+    with ThreadPoolExecutor(1) as pool:
+        return build_rm4d(robot, RM4DConstruction(robot.name, robot.fingerprint, 0, 0.2, 9, 5_000), pool)
+
+
 def test_queries_are_timed_and_exact_ones_are_exact(maps, tmp_path, monkeypatch):
     monkeypatch.setattr("benchmark.map_quality.speed.least_seconds", lambda call, repeats: call() is None or 1e-6)
-    rows = {
-        (row["name"], row["batch"]): row for row in query_speeds(maps[0], SpeedConfig(batches=[10, 3000], device="cpu"))
-    }
-    for name in ("query_bitmap", "query_exact", "query_nearest", "query_torch"):
+    timed = query_speeds(maps[0], small_rm4d(load_robot("xarm6")), SpeedConfig(batches=[10, 3000], device="cpu"))
+    rows = {(row["name"], row["batch"]): row for row in timed}
+    for name in ("query_bitmap", "query_exact", "query_rm4d", "query_nearest", "query_torch"):
         for batch in (10, 3000):
             assert rows[name, batch]["value"] == pytest.approx(1e-6 / batch)
     assert 0.1 < rows["reachable_share", 3000]["value"] < 0.95
@@ -83,7 +91,10 @@ def test_the_least_time_is_that_of_one_call():
     assert len(calls) > 2
 
 
-def test_the_command_measures_all_parts_of_two_arms_in_one_run(tmp_path):
+def test_the_command_measures_all_parts_of_two_arms_in_one_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        "benchmark.map_quality.verified_maps.rm4d_map", lambda robot, workers, console: (small_rm4d(robot), tmp_path)
+    )
     small = MapConfig(cell_size=0.25, theta=0.6, stop_rate=0.3, draw=100, turns=8)
     config = SpeedConfig(
         robots=["ur3", "xarm6"], batches=[100], insertion_batches=[200], sampled=50, pairwise_cells=3, threads=[1],

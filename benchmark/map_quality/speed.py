@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import numpy as np
     import pandas as pd
 
+    from richmap.counterparts.rm4d import RM4D
     from richmap.maps.reachability_map import ReachabilityMap
     from richmap.robots.robot import RobotDescription
     from richmap.similarity.similarity import DirectionMoments
@@ -121,13 +122,16 @@ def measure(
     """Rows of one arm; MMD is that of the first arm's map and this one's."""
     import numba
     import torch
+    from rich.console import Console
+
+    from benchmark.map_quality.verified_maps import rm4d_map
 
     for threads in config.threads:
         numba.set_num_threads(threads)
         torch.set_num_threads(threads)
         rows = []
         if "queries" in config.parts:
-            rows.append(query_speeds(built, config))
+            rows.append(query_speeds(built, rm4d_map(robot, config.workers, Console())[0], config))
         if "insertion" in config.parts:
             rows.append(insertion_speeds(robot, built, config))
         if "sampling" in config.parts and threads == 1:
@@ -140,8 +144,8 @@ def measure(
             yield {"device": "cpu", "threads": threads, "unit": "s", **row}
 
 
-def query_speeds(built: "ReachabilityMap", config: SpeedConfig) -> Iterator[dict[str, object]]:
-    """Queries that only the bitmap decides, exact ones, nearest directions, and the paper's method."""
+def query_speeds(built: "ReachabilityMap", rm4d: "RM4D", config: SpeedConfig) -> Iterator[dict[str, object]]:
+    """Queries that only the bitmap decides, exact ones, nearest directions, RM4D's and the paper's method."""
     import numpy as np
 
     from richmap.maps.coverage import CoverageBitmap
@@ -161,6 +165,7 @@ def query_speeds(built: "ReachabilityMap", config: SpeedConfig) -> Iterator[dict
         for name, device, query in (
             ("query_bitmap", "cpu", lambda poses=poses: bitmap.reachable(*poses)),
             ("query_exact", "cpu", lambda poses=poses: bitmap.reachable_exactly(*poses, index)),
+            ("query_rm4d", "cpu", lambda poses=poses: rm4d.reachable(*poses)),
             ("query_nearest", "cpu", lambda poses=poses: index.nearest(*poses)),
             ("query_torch", config.device, lambda poses=poses: products(*poses)),
         ):
@@ -330,9 +335,9 @@ Nanoseconds per item: per query, per pose offered (`insert`), per free pose (`sa
 per cell that both arms fill (`mmd`, against the first arm's map), per pose of a field over positions and directions
 (`directional`, harmonics up to that degree), per such field (`directional_field`). Least of some repeats. Queries ask
 for positions uniform in the ball that encloses the filled cells and for directions uniform on the sphere. `torch` is
-the paper's method, batched matrix products. Made by `python -m benchmark.map_quality.speed`. For comparison: queries of
-the paper on its GPU
-take 91 µs at batch 100, 45 µs at 10,000 and 2.5 µs at 1,000,000 (cells of 0.05 m), those of RM4D on a CPU 62 µs.
+the paper's method, batched matrix products; `rm4d` is RM4D, built and asked here. Made by `python -m
+benchmark.map_quality.speed`. For comparison: queries of the paper on its GPU take 91 µs at batch 100, 45 µs at 10,000
+and 2.5 µs at 1,000,000 (cells of 0.05 m), those of RM4D on a CPU 62 µs.
 
 """
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
     from rich.console import Console
 
+    from richmap.counterparts.rm4d import RM4D
     from richmap.maps.reachability_map import ReachabilityMap
     from richmap.robots.robot import RobotDescription
 
@@ -116,11 +117,15 @@ def fraction_map(robot: "RobotDescription", config: VerifyMapsConfig, console: "
 
 def rm4d(robot: "RobotDescription", config: VerifyMapsConfig, console: "Console") -> Iterator[VerifiedMap]:
     """RM4D as its authors make it."""
-    from richmap.counterparts import rm4d
+    yield _four_dimensional("rm4d", *rm4d_map(robot, config.workers, console))
 
-    asked = rm4d.RM4DConstruction(robot.name, robot.fingerprint, seed=0)
-    built, path = _built("rm4d", robot, asked, rm4d.RM4D, _build_rm4d, config.workers, console)
-    yield _four_dimensional("rm4d", built, path)
+
+def rm4d_map(robot: "RobotDescription", workers: int, console: "Console") -> "tuple[RM4D, Path]":
+    """A robot's RM4D and its file, built if it was not."""
+    from richmap.counterparts.rm4d import RM4D, RM4DConstruction
+
+    asked = RM4DConstruction(robot.name, robot.fingerprint, seed=0)
+    return _built("rm4d", robot, asked, RM4D, _build_rm4d, workers, console)
 
 
 def capability_map(robot: "RobotDescription", config: VerifyMapsConfig, console: "Console") -> Iterator[VerifiedMap]:
