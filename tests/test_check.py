@@ -186,3 +186,12 @@ def test_a_region_is_least_and_greatest():
         BaseConfig(x=[0.3, -0.3])
     with pytest.raises(SettingError, match="gives up to 20000 candidates; these are 40401"):
         BaseConfig(x=[-1, 1], y=[-1, 1], spacing=0.01)
+
+
+@pytest.mark.system
+def test_an_arm_that_is_too_slow_is_not_late_in_the_simulation(tmp_path, capsys):
+    """The J2S6S200's joints are slow by its description; in the simulation, which turns all alike, it succeeds."""
+    check.main(CheckConfig(RobotConfig("j2s6s200"), scenes=2, output_dir=str(tmp_path)))
+    said = " ".join(capsys.readouterr().out.split())
+    assert "too fast:" in said
+    assert int(re.search(r"Expected success of direct transfer: (\d+) %", said)[1]) > 80

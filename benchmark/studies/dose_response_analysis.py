@@ -133,6 +133,10 @@ others: of what ranks of the other predictors leave open.
 
 {calibration}
 
+The j2s6s200 is the one that is far off. All the steps that it loses are too fast: its description lets its joints turn
+by 0.63 and 0.84 rad/s (`python -m benchmark.check robot=j2s6s200`). The simulation lets the joints of every arm turn by
+3.14 rad/s, as the xArm6's do, so there it is in time.
+
 ![success over each predictor](dose_response.png)
 
 ## Arms
