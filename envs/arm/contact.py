@@ -47,7 +47,7 @@ class ContactSensors:
         others = [*({"geom2": name} for name in fixtures), *({"subtree2": name} for name in bodies)]
         pairs = [whole | {"subtree2": arm}, *(part | other for other in others for part in (whole, only_tool))]
         self._sensors = [{"name": f"contact{i}", "num": "1", "data": "found"} | pair for i, pair in enumerate(pairs)]
-        self._counts = np.zeros(0)
+        self._counts, self._none = np.zeros(0), b""
 
     def add_to(self, root: ET.Element) -> None:
         """Put them into a model's text."""
@@ -61,13 +61,13 @@ class ContactSensors:
         """Look up where their values are."""
         first, last = (int(model.sensor(self._sensors[i]["name"]).adr[0]) for i in (0, -1))
         self._counts = data.sensordata[first : last + 1]  # A view, which changes with each physics step.
+        self._none = bytes(self._counts.nbytes)
 
     def read(self) -> Touching:
         """What the arm touched in the last physics step."""
-        counts = self._counts.tolist()
-        if not any(counts):
+        if self._counts.tobytes() == self._none:
             return NOTHING
-        itself, *at_fixtures = counts
+        itself, *at_fixtures = self._counts.tolist()
         table = any(arm > tool for arm, tool in zip(at_fixtures[::2], at_fixtures[1::2], strict=True))
         return Touching(itself > 0, table)
 
@@ -99,7 +99,7 @@ class ContactTime:
     def count(self, now: Touching) -> bool:
         """Take in a physics step; gives whether the arm is stopped."""
         self._steps += 1
-        if any(now):
+        if now is not NOTHING and any(now):
             self.touched = Touching(self.touched.itself or now.itself, self.touched.table or now.table)
             self._in_contact.append(self._steps)
             while self._in_contact[0] <= self._steps - round(CONTACT_WINDOW / self._timestep):

@@ -182,16 +182,16 @@ class ArmSimulation(ManipulationEnv):
             action: Joint angles to be at, in [rad].
             contact: Adds up time in contact; the physics ends where it says that the arm is stopped.
         """
-        robot = self.robots[0]
+        robot, model, data = self.robots[0], self.mj_model, self.mj_data
         robot.composite_controller.set_goal(action)
         robot.control(action)  # Not as a policy step, after which robosuite would update records that nothing reads.
         for _ in range(SUBSTEPS):
-            mujoco.mj_step(self.mj_model, self.mj_data)
+            mujoco.mj_step(model, data)
             if contact is not None and contact.count(self._sensors.read()):
                 break
-        mujoco.mj_kinematics(self.mj_model, self.mj_data)
-        if not np.isfinite(self.mj_data.qpos).all():
-            raise FloatingPointError(f"The physics diverged at {self.mj_data.time:.1f} s; joint targets {action} rad.")
+        mujoco.mj_kinematics(model, data)
+        if not np.isfinite(data.qpos).all():
+            raise FloatingPointError(f"The physics diverged at {data.time:.1f} s; joint targets {action} rad.")
         self.timestep += 1
         self.cur_time += self.control_timestep
         return OrderedDict(), 0.0, False, {}

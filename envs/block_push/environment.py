@@ -1,5 +1,6 @@
 """The block-push task as a Gymnasium environment."""
 
+import math
 import warnings
 from typing import Any
 
@@ -149,7 +150,7 @@ class BlockPushEnv(ArmEnv[BlockPushSimulation]):
         """A command, xy in [m], drawn towards the flange as far as its leash wants."""
         flange = self._running.flange_xyz[:2]
         ahead = command - flange
-        distance = np.linalg.norm(ahead)
+        distance = math.sqrt(ahead.dot(ahead))
         return flange + ahead * (LEASH / distance) if self.arm.protected and distance > LEASH else command
 
     def _inside(self) -> Bool[np.ndarray, "2 2"]:
@@ -177,6 +178,7 @@ class BlockPushEnv(ArmEnv[BlockPushSimulation]):
     def _info(self, earned: tuple[float, float], now: Bool[np.ndarray, "2 2"]) -> dict[str, Any]:
         simulation = self._running
         flange, blocks = simulation.flange_xyz, simulation.blocks_xyz
+        behind = flange[:2] - self._arrived
         p1, p2 = bool(self._been_inside.any()), both_placed(now) and not self._contact.stopped
         joints = simulation.joint_angles
         return {
@@ -192,7 +194,7 @@ class BlockPushEnv(ArmEnv[BlockPushSimulation]):
             "commanded": self._arrived.copy(),
             "flange": flange,
             "base": np.array(self.arm.base),
-            "tracking_error": float(np.linalg.norm(flange[:2] - self._arrived)),
+            "tracking_error": math.sqrt(behind.dot(behind)),
             "ik_residual": self._posture.residual,
             "joint_limits": self.arm.joint_limits,
             "joint_limit_margin": float(np.minimum(joints - self._lower, self._upper - joints).min()),

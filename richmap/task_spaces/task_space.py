@@ -1,9 +1,10 @@
 """What a policy of a task is shown, what it gives, and what that does to the flange."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Shaped
+from jaxtyping import Int, Shaped
 
 from richmap.task_spaces.flange_steps import FlangeSteps
 from richmap.task_spaces.layout import Layout
@@ -49,14 +50,19 @@ class TaskSpace:
         self, observation: Shaped[np.ndarray, "*n all"]
     ) -> tuple[Shaped[np.ndarray, "*n state"], Shaped[np.ndarray, "*n rest"]]:
         """`observation.state` and `observation.environment_state` of whole observations."""
-        at = self.observation.index
-        return observation[..., at(self.state)], observation[..., at(self.environment)]
+        of_state, rest = self._places
+        return observation[..., of_state], observation[..., rest]
 
     def join(
         self, state: Shaped[np.ndarray, "*n state"], environment: Shaped[np.ndarray, "*n rest"]
     ) -> Shaped[np.ndarray, "*n all"]:
         """The whole observation again."""
         whole = np.empty((*state.shape[:-1], self.observation.width), state.dtype)
-        whole[..., self.observation.index(self.state)] = state
-        whole[..., self.observation.index(self.environment)] = environment
+        of_state, rest = self._places
+        whole[..., of_state], whole[..., rest] = state, environment
         return whole
+
+    @cached_property
+    def _places(self) -> tuple[Int[np.ndarray, " state"], Int[np.ndarray, " rest"]]:
+        """Where the numbers of both parts are in a whole observation."""
+        return self.observation.index(self.state), self.observation.index(self.environment)
