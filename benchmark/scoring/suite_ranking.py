@@ -193,6 +193,7 @@ def ranking_text(table: "pd.DataFrame") -> str:
                 "largest loss where saturated": _on(row, "harm"),
                 "better than the next": "-" if pd.isna(row.better) else f"{row.better:.2f}",
                 "rank on even, odd scenes": "-" if pd.isna(row.even) else f"{row.even:.0f}, {row.odd:.0f}",
+                "ms a step": "-" if pd.isna(time := row.get("step_ms", np.nan)) else f"{time:.1f}",
                 "needs": needs_text(row.method),
             }
         )

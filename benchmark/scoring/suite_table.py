@@ -9,6 +9,7 @@ import numpy as np
 
 from benchmark.episodes.arm import of_arm, suite_arms
 from benchmark.scoring.ceiling import Ceiling, read_ceilings
+from benchmark.scoring.decision_time import with_times
 from benchmark.scoring.statistics import Crossed, clustered_mean
 from benchmark.scoring.suite_ranking import REFERENCES, method_pairs, ranking_text, remarks, suite_ranking
 from benchmark.settings.config import ConditionConfig
@@ -147,7 +148,7 @@ def standing(
     tables = by_condition(rows, arms)
     counted = [name for name, condition in conditions.items() if not condition.saturated]
     pairs = method_pairs(tables, conditions, ceilings, task)
-    ranking = pairs if pairs.empty else suite_ranking(pairs, counted)
+    ranking = pairs if pairs.empty else with_times(suite_ranking(pairs, counted), task.name)
     said = () if pairs.empty else tuple(remarks(ranking, suite, counted, ceilings))
     return Standing(suite, conditions, arms, ranking, suite_table(tables, conditions, ceilings, task), said)
 

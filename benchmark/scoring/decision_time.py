@@ -1,0 +1,24 @@
+"""How long methods take to decide, as it was measured (`benchmark.studies.decision_time`)."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FILE = Path("results/decision_times.csv")
+"""A row for each task, method and scale: time of the processor per control step, mean and longest, in [ms]."""
+KEY = ["task", "method", "lambda"]
+
+
+def with_times(ranking: "pd.DataFrame", task: str, file: Path = FILE) -> "pd.DataFrame":
+    """A ranking of a task's methods with a column `step_ms`, the mean per control step; NaN where it is not known."""
+    import pandas as pd
+
+    if ranking.empty or not file.exists():
+        return ranking.assign(step_ms=np.nan)
+    known = pd.read_csv(file).set_index(KEY).mean_ms
+    keys = [(task, row.method, row["lambda"]) for _, row in ranking.iterrows()]
+    return ranking.assign(step_ms=[known.get(key, np.nan) for key in keys])

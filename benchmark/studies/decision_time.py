@@ -1,0 +1,103 @@
+"""How long methods take to decide: time of the processor per control step, at the scale that was chosen for each.
+
+python -m benchmark.studies.decision_time
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from benchmark.settings.chosen_scales import read_scales, scales_file
+from benchmark.settings.command import check_setting, run_command
+from benchmark.settings.config import RunConfig
+from benchmark.settings.paths import check_file
+from benchmark.settings.scenes import VALIDATION, check_scenes
+from benchmark.settings.task import chosen_task
+
+if TYPE_CHECKING:
+    from benchmark.rollouts.rollout import Rollout
+
+
+@dataclass
+class DecisionTimeConfig:
+    """Which tasks' methods are timed, on which arm, and on how many episodes."""
+
+    tasks: list[str] = field(default_factory=lambda: ["block_push", "press_buttons"])
+    """Tasks, as in tasks=[block_push]."""
+    robot: str = "ur3"
+    """An arm that ships, where it usually stands."""
+    episodes: int = 5
+    """Validation scenes, one at a time, after one that does not count; a whole number >= 1."""
+    scales_dir: str = "results/scales"
+    """Folder of the chosen scales; methods that have one there are timed, and direct transfer."""
+    output: str = "results/decision_times.csv"
+    """Table that rows go to, in place of older ones of the same task, method and scale."""
+    workers: int = 2
+    """Processes that sample, where a method's map is to be built."""
+
+    def __post_init__(self) -> None:
+        for name in self.tasks:
+            chosen_task(name)
+        check_setting(self.episodes >= 1, "episodes", self.episodes, "a whole number >= 1")
+        check_scenes(VALIDATION.start, self.episodes + 1)
+        check_file(self.output)
+
+
+def main(config: DecisionTimeConfig) -> None:
+    """Time each method, and store and print the table."""
+    import pandas as pd
+    from rich.console import Console
+
+    from benchmark.artifacts.known_policies import checkpoint_folder
+    from benchmark.rollouts.make_rollout import make_rollout
+    from benchmark.scoring.decision_time import KEY
+    from benchmark.settings.robot_config import RobotConfig
+    from richmap.outputs import replacing
+
+    console, rows = Console(), []
+    for task in config.tasks:
+        chosen = read_scales(scales_file(config.scales_dir, task))
+        scales = {"direct": 0.0} | {name: float(said["scale"]) for name, said in chosen.items() if said["scale"]}
+        for method, scale in scales.items():
+            run = RunConfig(
+                RobotConfig(config.robot), task, scale, method, device="cpu", batch_size=1, workers=config.workers
+            )
+            rollout = make_rollout(run, scale, checkpoint_folder(run.seed, task=task), console)
+            rows.append({"task": task, "method": method, "lambda": scale, **timed(rollout, config.episodes)})
+    table, file = pd.DataFrame(rows), Path(config.output)
+    if file.exists():
+        older = pd.read_csv(file)
+        kept = older[~pd.MultiIndex.from_frame(older[KEY]).isin(pd.MultiIndex.from_frame(table[KEY]))]
+        table = pd.concat([kept, table], ignore_index=True)
+    with replacing(file) as path:
+        table.to_csv(path, index=False)
+    console.print(table.to_markdown(index=False), soft_wrap=True)
+
+
+def timed(rollout: "Rollout", episodes: int) -> dict[str, object]:
+    """Time of the processor that the policy takes for an action, of one thread: mean and longest, in [ms]."""
+    from time import process_time
+
+    from benchmark.rollouts.rollout import load_policy
+
+    policy, spent = load_policy(rollout), list[float]()
+    act = policy.select_action
+
+    def watched(*arguments: object, **named: object) -> object:
+        begun = process_time()
+        action = act(*arguments, **named)  # type: ignore[arg-type]
+        spent.append(process_time() - begun)
+        return action
+
+    rollout.play([VALIDATION.start])  # Loops are compiled here.
+    policy.select_action = watched  # type: ignore[method-assign, assignment]
+    for seed in VALIDATION[1 : episodes + 1]:
+        rollout.play([seed])
+    load_policy.cache_clear()
+    steps = len(spent)
+    mean, longest = 1e3 * sum(spent) / steps, 1e3 * max(spent)
+    return {"robot": rollout.arm.robot, "steps": steps, "mean_ms": round(mean, 2), "longest_ms": round(longest, 1)}
+
+
+if __name__ == "__main__":
+    run_command(main, DecisionTimeConfig, "studies.decision_time")

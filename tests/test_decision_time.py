@@ -1,0 +1,31 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from benchmark.scoring.decision_time import with_times
+from benchmark.studies import decision_time
+from benchmark.studies.decision_time import DecisionTimeConfig
+
+
+def test_a_method_has_the_time_of_its_task_and_scale(tmp_path):
+    file = tmp_path / "times.csv"
+    file.write_text("task,method,lambda,robot,steps,mean_ms,longest_ms\nt,a,0.5,ur3,9,3.5,20\nother,b,1.0,ur3,9,1,2\n")
+    ranking = pd.DataFrame({"method": ["a", "a", "b"], "lambda": [0.5, 1.0, 1.0]})
+    assert np.array_equal(with_times(ranking, "t", file).step_ms, [3.5, np.nan, np.nan], equal_nan=True)
+    assert with_times(ranking, "t", tmp_path / "none.csv").step_ms.isna().all()
+
+
+@pytest.mark.system
+def test_every_method_with_a_chosen_scale_is_timed_in_place_of_older_rows(tmp_path, monkeypatch):
+    (tmp_path / "scales").mkdir()
+    (tmp_path / "scales" / "press_buttons.yaml").write_text("way_on_arm: {scale: 1.0}\nway_of_any: {scale: 0}\n")
+    config = DecisionTimeConfig(
+        ["press_buttons"], "gen3", 1, str(tmp_path / "scales"), output=str(tmp_path / "times.csv"), workers=1
+    )
+    decision_time.main(config)
+    first = pd.read_csv(config.output)
+    assert first.method.tolist() == ["direct", "way_on_arm"] and (first.steps > 10).all()
+    assert (first.mean_ms > 0).all() and (first.longest_ms >= first.mean_ms).all()
+    monkeypatch.setattr(decision_time, "timed", lambda rollout, episodes: {"robot": "gen3", "mean_ms": 1.0})
+    decision_time.main(config)
+    assert pd.read_csv(config.output).mean_ms.tolist() == [1.0, 1.0]
