@@ -1,11 +1,12 @@
 """Guidance by fields over positions and approach directions: how it acts, and the methods made of that."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from policies.flange_path import FlangePath
@@ -13,6 +14,9 @@ from policies.guidance import Guidance
 from policies.setup import Setup
 from richmap.similarity.directional import DirectionalCoverage, DirectionalEnergy
 from richmap.similarity.directional_field import ValueAndGradients
+
+LEAST = 0.01
+"""Least coefficient of a cell of which a map has something, without a unit."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +40,48 @@ class PoseCost:
             return at
         return ValueAndGradients(1 - at.value, -at.position, -at.direction)
 
+    def at_goals(
+        self, points: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
+    ) -> Float[np.ndarray, " n"]:
+        """The value alone."""
+        return self.value_and_gradients(points, directions).value
+
     def of_tensors(self, points: Float[Tensor, "*b 3"], directions: Float[Tensor, "*b 3"]) -> ValueAndGradients:
         """Of poses as tensors, row after row."""
         rows = (each.detach().double().cpu().numpy().reshape(-1, 3) for each in (points, directions))
         return self.value_and_gradients(*rows)
+
+
+@dataclass(frozen=True)
+class FlippedCost(PoseCost):
+    """A control: what costs most is wanted."""
+
+    def at_goals(
+        self, points: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
+    ) -> Float[np.ndarray, " n"]:
+        return 1 - super().at_goals(points, directions)
+
+
+@dataclass(frozen=True)
+class ShuffledCost(PoseCost):
+    """A control: cells of which the map has something have changed places, as the seed has it."""
+
+    seed: int
+
+    def at_goals(
+        self, points: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
+    ) -> Float[np.ndarray, " n"]:
+        grid, cells = self.field.grid, self.field.grid.cells_of(points)
+        moved = grid.centres()[self._moved[cells]] - grid.centres()[cells]
+        return super().at_goals(points + np.where((cells >= 0)[:, None], moved, 0.0), directions)
+
+    @cached_property
+    def _moved(self) -> Int[np.ndarray, " cells"]:
+        """Where each cell's place is taken from."""
+        moved = np.arange(self.field.grid.n_cells)
+        filled = np.flatnonzero(np.abs(self.field.values).max(-1).ravel() > LEAST)
+        moved[filled] = np.random.default_rng(self.seed).permutation(filled)
+        return moved
 
 
 @final

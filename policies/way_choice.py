@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from policies.directional_methods import PoseCost, cost_of
+from policies.directional_methods import FlippedCost, PoseCost, ShuffledCost, cost_of
 from policies.episode_model import EpisodeModel
 from policies.guidance import Guidance
 from policies.setup import Setup
@@ -134,7 +134,7 @@ class WayByMap(WayChoice):
         self, joints: Float[np.ndarray, " dof"], scene: Float[np.ndarray, " rest"], ways: Sequence[Way]
     ) -> Float[np.ndarray, " k"]:
         flanges = [(way.positions - self.ahead * way.directions, way.directions) for way in ways]
-        worst = [self.cost.value_and_gradients(*flange).value.max() for flange in flanges]
+        worst = [self.cost.at_goals(*flange).max() for flange in flanges]
         return np.clip(1 - np.array(worst), 0, self.enough)
 
 
@@ -155,13 +155,27 @@ def way_on_arm(given: Setup) -> WayOnArm:
 
 def way_by_map(given: Setup) -> WayByMap:
     """The way whose worst goal maps have most of."""
-    model, measured = _known(given)
-    return WayByMap(model.ideal(), measured, cost_of(given), given.space.steps.ahead, given.scale)
+    return _by_cost(given, cost_of(given))
+
+
+def way_by_flipped_map(given: Setup) -> WayByMap:
+    """A control: the way whose worst goal maps have least of."""
+    return _by_cost(given, FlippedCost(cost_of(given).field))
+
+
+def way_by_shuffled_map(given: Setup) -> WayByMap:
+    """A control: the same with the map's cells in other places."""
+    return _by_cost(given, ShuffledCost(cost_of(given).field, given.seed))
 
 
 def way_of_any(given: Setup) -> WayOfAny:
     """The way that is named first."""
     return WayOfAny(*_known(given))
+
+
+def _by_cost(given: Setup, cost: PoseCost) -> WayByMap:
+    model, measured = _known(given)
+    return WayByMap(model.ideal(), measured, cost, given.space.steps.ahead, given.scale)
 
 
 def _known(given: Setup) -> tuple[EpisodeModel, slice]:

@@ -20,9 +20,11 @@ def check_hashes(folder: Path) -> None:
     Raises:
         ValueError: If a file differs, or the hashes cannot be read.
     """
-    if not (folder / HASHES).is_file():
+    if not (folder / HASHES).exists():
         return
     try:
+        if not (folder / HASHES).is_file():  # To open a pipe would wait for whoever writes to it.
+            raise ValueError("it is no file")
         named = json.loads((folder / HASHES).read_text())
         if not isinstance(named, dict):
             raise ValueError("it holds no object")

@@ -12,6 +12,7 @@ from envs.press_buttons.oracle import Oracle
 from envs.press_buttons.scene import draw_scene
 from envs.press_buttons.twin import KinematicTwin
 from envs.press_buttons.workspace import POSES, TRAVEL
+from policies.directional_methods import PoseCost, ShuffledCost
 from policies.methods import METHODS
 from policies.setup import Setup
 from richmap.geometry.grid import Grid
@@ -169,6 +170,23 @@ def test_a_goal_that_the_map_lacks_is_not_led_to(model):
         chosen = guidance("way_by_map", 1.0, model, field)
         chosen.reset([1])
         assert hole not in open_buttons(shown(chosen, seen(scene)))
+        flipped = guidance("way_by_flipped_map", 1.0, model, field)
+        flipped.reset([1])
+        assert hole in open_buttons(shown(flipped, seen(scene)))
     alike = guidance("way_by_map", 1.0, model, DirectionalCoverage(grid, whole, {}))
     alike.reset([1])
     assert open_buttons(shown(alike, seen(scene))) == tuple(range(BUTTONS))
+
+
+def test_a_shuffled_map_has_the_same_cells_in_other_places():
+    """Coverage of a cell is its own number, alike in all directions, so that a look at centres says which it was."""
+    grid, rng = Grid((-0.5, -0.5, 0.0), 0.1, (10, 10, 10)), np.random.default_rng(0)
+    coverage = np.where(rng.random(grid.shape) < 0.3, rng.uniform(0.2, 1.0, grid.shape), 0.0)
+    field = DirectionalCoverage(grid, (coverage * np.sqrt(4 * np.pi))[..., None].astype(np.float32), {})
+    at, up = grid.centres(), np.tile([0.0, 0.0, 1.0], (grid.n_cells, 1))
+    plain, shuffled = PoseCost(field).at_goals(at, up), ShuffledCost(field, 3).at_goals(at, up)
+    np.testing.assert_allclose(plain, 1 - coverage.ravel(), atol=1e-5)
+    np.testing.assert_allclose(np.sort(shuffled), np.sort(plain), atol=1e-5)
+    filled = coverage.ravel() > 0
+    assert (shuffled[~filled] == plain[~filled]).all()
+    assert (np.abs(shuffled - plain)[filled] > 1e-3).mean() > 0.9
