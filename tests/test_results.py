@@ -9,14 +9,22 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
 from benchmark.episodes import parts
 from benchmark.episodes.episode import IDENTITY, row_id
-from benchmark.episodes.parts import checksum, merge_parts, parts_in
-from benchmark.episodes.table import drop_outdated, episodes_of, read_episodes, read_tables, store_episodes
+from benchmark.episodes.parts import MOST_ROWS, checksum, merge_parts, parts_in
+from benchmark.episodes.table import (
+    drop_outdated,
+    episodes_of,
+    read_episodes,
+    read_present,
+    read_tables,
+    store_episodes,
+)
 from benchmark.scoring.scores import by_condition, paired
 from benchmark.settings.command import SettingError
 from envs.block_push.task import BLOCK_PUSH
@@ -147,6 +155,49 @@ def test_a_damaged_part_is_refused_in_a_line(tmp_path, named):
         except SettingError:
             continue
         assert not named and len(table) == 30, place  # In what says who wrote the file, say.
+
+
+@pytest.mark.parametrize(
+    "name, values, line",
+    [
+        ("lambda", ["a lot"] * 2, "lambda holds string, not numbers"),
+        ("lambda", [np.inf] * 2, "lambda holds inf"),
+        ("robot", [["ur3"]] * 2, "robot holds list.*, not texts"),
+        ("robot", [b"\xff"] * 2, "robot holds binary, not texts"),
+        ("robot", ["ur3", None], "robot holds nothing in 1 rows"),
+        ("robot", ["ur3", "\x1b[31m"], r"robot holds '\\x1b\[31m'"),
+        ("task", [3, 3], "task holds int64, not texts"),
+        ("p2", ["yes"] * 2, "p2 holds string, not true or false"),
+        ("p2", None, "lacks p2"),
+    ],
+)
+def test_a_column_that_no_rollout_stores_is_refused(tmp_path, name, values, line):
+    table = read_tables(store_episodes(tmp_path, [episode(seed) for seed in range(2)]))
+    table = table.drop(columns=name) if values is None else table.assign(**{name: values})
+    table.to_parquet(tmp_path / "theirs.parquet")
+    with pytest.raises(SettingError, match=line):
+        read_present(tmp_path / "theirs.parquet", BLOCK_PUSH)
+
+
+def test_a_part_that_is_no_file_or_unpacks_to_more_than_memory_is_refused(tmp_path):
+    (tmp_path / "episodes").mkdir()
+    part = tmp_path / "episodes" / "theirs.parquet"
+    os.mkfifo(part)
+    with pytest.raises(SettingError, match="is no file"):
+        read_tables(tmp_path)
+    part.unlink()
+    part.symlink_to(tmp_path / "nothing")
+    with pytest.raises(SettingError, match="is no file"):
+        read_tables(tmp_path)
+    part.unlink()
+    pd.DataFrame({"robot": pd.Categorical.from_codes(np.zeros(MOST_ROWS + 1, np.int8), ["ur3"])}).to_parquet(part)
+    with pytest.raises(SettingError, match="holds 1,000,001 rows"):
+        read_tables(tmp_path)
+
+
+def test_a_folder_that_cannot_be_searched_is_refused_in_a_line():
+    with pytest.raises(SettingError, match="/proc cannot be searched for tables: "):
+        read_tables(Path("/proc"))
 
 
 def test_a_part_holds_what_it_says_of_each_column(tmp_path):

@@ -9,7 +9,7 @@ import json
 import os
 import re
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -19,7 +19,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from benchmark.episodes.arm import SINCE, TUPLES
-from benchmark.episodes.episode import PANDAS
+from benchmark.episodes.episode import PANDAS, Condition, column_types
 from benchmark.settings.command import SettingError
 
 ABANDONED = 3600.0
@@ -27,6 +27,20 @@ ABANDONED = 3600.0
 
 FOLDER = "episodes"
 """Name of the folder that a table's parts are in."""
+
+MOST_ROWS = 1_000_000
+"""Of a part, which a small file can hold more of than memory does."""
+MOST_BYTES = 1 << 30
+"""Of a part's pages when they are unpacked."""
+
+HOLDS: dict[type, tuple[str, Callable[[pa.DataType], bool]]] = {
+    int: ("whole numbers", pa.types.is_integer),
+    float: ("numbers", lambda kind: pa.types.is_floating(kind) or pa.types.is_integer(kind)),
+    bool: ("true or false", pa.types.is_boolean),
+    str: ("texts", lambda kind: pa.types.is_string(kind) or pa.types.is_large_string(kind)),
+    tuple: ("lists of numbers", pa.types.is_list),
+}
+"""What a column of each of our types holds, and which of Arrow's types hold that."""
 
 
 def parts_in(folder: Path) -> list[Path]:
@@ -36,7 +50,10 @@ def parts_in(folder: Path) -> list[Path]:
 
 def parts_below(path: Path) -> list[Path]:
     """The parts of all tables in a folder and below it, or the file itself."""
-    return [path] if path.is_file() else sorted(path.rglob(f"{FOLDER}/*.parquet"))
+    try:
+        return [path] if path.is_file() else sorted(path.rglob(f"{FOLDER}/*.parquet"))
+    except OSError as error:
+        raise SettingError(f"{path} cannot be searched for tables: {error.strerror}: {error.filename}.") from error
 
 
 def checksum(file: Path) -> str:
@@ -113,20 +130,57 @@ def read_part(file: Path, columns: Sequence[str] | None = None) -> pa.Table:
     """The rows of a part, with those of these columns that there are, or all.
 
     Raises:
-        SettingError: If it is cut short or damaged.
+        SettingError: If it is cut short or damaged, or says of an episode's condition what none can be.
         FileNotFoundError: If it is not there, or not any more.
     """
+    if not file.is_file() and os.path.lexists(file):  # To open a pipe would wait for whoever writes to it.
+        raise SettingError(f"{file} is no file, or a link to none. Move it away and run again.")
     if re.fullmatch("[0-9a-f]{16}", file.stem) and checksum(file) != file.stem:
         raise SettingError(f"{file} is damaged: it is not what its name, its checksum, says. Move it away.")
     try:
         with pq.ParquetFile(file, page_checksum_verification=True) as part:
+            about = part.metadata
+            unpacked = sum(about.row_group(i).total_byte_size for i in range(about.num_row_groups))
+            if about.num_rows > MOST_ROWS or unpacked > MOST_BYTES:
+                raise SettingError(
+                    f"{file} holds {about.num_rows:,} rows of {unpacked / 1e9:.1f} GB. A part holds at most "
+                    f"{MOST_ROWS:,} rows of {MOST_BYTES / 1e9:.1f} GB."
+                )
             there = columns and [name for name in columns if name in part.schema_arrow.names]
-            return part.read(there)
-    except FileNotFoundError:
+            table = part.read(there)
+            check_columns(file, table, column_types(Condition))
+            return table
+    except (FileNotFoundError, SettingError):
         raise
     except Exception as error:  # Arrow raises whatever it comes across in a damaged file.
         text = " ".join(str(error).split())[:200]
         raise SettingError(f"{file} is no whole Parquet file ({text}). Move it away and run again.") from error
+
+
+def check_columns(path: Path, table: pa.Table, types: Mapping[str, tuple[type, bool]]) -> None:
+    """Compare a table's columns with what they must hold (`column_types`); a column that it lacks is not missed.
+
+    Raises:
+        SettingError: If one is of another type, or a text of it is not printed, or a number of it not finite.
+    """
+    for name in types.keys() & {*table.column_names}:
+        kind, optional = types[name]
+        column = table[name]
+        if pa.types.is_dictionary(column.type):
+            column = column.cast(column.type.value_type)
+        said, fits = HOLDS[kind]
+        if not (fits(column.type) or pa.types.is_null(column.type)):
+            raise SettingError(f"{path}: {name} holds {column.type}, not {said}. Move it away and run again.")
+        if column.null_count and not optional and name != "cell_size":  # Which is none without a field.
+            raise SettingError(f"{path}: {name} holds nothing in {column.null_count} rows. Move it away and run again.")
+        if kind is str:
+            wrong = [text for text in column.unique().to_pylist() if not (text is None or text.isprintable())]
+        elif kind is float and not optional and name != "cell_size":
+            wrong = column.filter(pc.invert(pc.is_finite(column))).to_pylist()[:1]
+        else:
+            wrong = []
+        if wrong:
+            raise SettingError(f"{path}: {name} holds {wrong[0]!r}, which no rollout stores.")
 
 
 def to_frame(tables: Sequence[pa.Table]) -> pd.DataFrame:

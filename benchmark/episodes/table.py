@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import pandas as pd
 import pyarrow as pa
 
-from benchmark.episodes.arm import ARM, alike
-from benchmark.episodes.episode import CONDITION, IDENTITY, Condition, Episode, as_frame
-from benchmark.episodes.parts import of_task, parts_below, parts_in, read_part, to_frame, write_part
+from benchmark.episodes.arm import ARM, SINCE, alike
+from benchmark.episodes.episode import CONDITION, IDENTITY, Condition, Episode, as_frame, column_types
+from benchmark.episodes.parts import check_columns, of_task, parts_below, parts_in, read_part, to_frame, write_part
+from benchmark.settings.command import SettingError
 
 if TYPE_CHECKING:
     from envs.task import Task
@@ -30,8 +31,12 @@ def read_tables(path: Path, task: str | None = None, each_once: bool = True) -> 
 
 
 def read_present(path: Path, task: "Task", each_once: bool = True) -> pd.DataFrame:
-    """The episodes of a task's present version, as `read_tables` gives them; how many others there are is printed."""
-    others = 0
+    """The episodes of a task's present version, as `read_tables` gives them; how many others there are is printed.
+
+    Raises:
+        SettingError: If a column is missing, or holds what the task's does not.
+    """
+    others, types = 0, column_types(task.outcome)
 
     def present(rows: pa.Table) -> pa.Table:
         nonlocal others
@@ -41,9 +46,12 @@ def read_present(path: Path, task: "Task", each_once: bool = True) -> pd.DataFra
         played = rows["setting"].to_pandas().map(task.episode_version)
         kept = rows.filter(pa.array((rows["episode_version"].to_pandas() == played).to_numpy()))
         others += len(rows) - len(kept)
+        check_columns(path, kept, types)
         return kept
 
     table = _read(lambda: parts_below(path), keep=present, each_once=each_once)
+    if len(table) and (missing := types.keys() - SINCE.keys() - {*table}):
+        raise SettingError(f"{path} is no table of {task.name}: it lacks {', '.join(sorted(missing))}.")
     if others:
         print(f"Episodes of other versions of {task.name} than the present one are left out of {path}: {others:,}.")
     return table
