@@ -139,8 +139,10 @@ def test_types_that_fetch_models_by_name_are_not_run(copy, kind):
         ({"horizon": 10**9}, "horizon=1000000000. Allowed"),
         ({"down_dims": [10_000_000]}, "but"),
         ({"n_obs_steps": float("nan")}, "n_obs_steps=nan"),
-        ({"horizon": "sixteen"}, "cannot be loaded"),
-        ({"colour": "red"}, "cannot be loaded"),
+        ({"horizon": "sixteen"}, "horizon='sixteen'"),
+        ({"colour": "red"}, "colour"),
+        ({"horizon": -8}, "horizon=-8. Allowed: 1 or more"),
+        ({"num_train_timesteps": 9_999_999}, "num_train_timesteps=9999999. Allowed: numbers up to 10000."),
         ({"down_dims": [8] * 1000}, "length of down_dims"),
         ({"num_inference_steps": "3"}, "num_inference_steps='3'"),
         ({"input_features": {}}, ""),
@@ -168,6 +170,16 @@ def test_a_weight_that_is_missing_or_no_number_is_refused(copy):
     assert first in refusal(copy)
     save_file({**weights, "more": weights[first].clone()}, copy / "model.safetensors")
     assert "more" in refusal(copy)
+    save_file({**weights, first: weights[first].to(torch.int8)}, copy / "model.safetensors")
+    assert f"{first} are of type I8" in refusal(copy)
+
+
+def test_what_says_where_it_comes_from_is_checked_too(copy):
+    (copy / "train_config.json").write_text(f'{{"seed": {10**30}}}')
+    assert "train_config.json is not LeRobot's" in refusal(copy)
+    (copy / "train_config.json").unlink()
+    os.mkfifo(copy / "hashes.json")
+    assert "hashes.json cannot be read (it is no file)" in refusal(copy)
 
 
 def test_a_flipped_bit_of_a_weight_is_noticed(tiny, tmp_path):

@@ -32,6 +32,11 @@ LARGEST_JSON = 4 << 20
 """No JSON of a checkpoint is larger, in bytes."""
 LARGEST_NUMBER = 10**7
 """No number in a policy's config.json is greater; its largest are counts of training steps."""
+MOST_NOISE_STEPS = 10_000
+"""From noise to an action, each of which runs the network; usual are 10 to 1,000."""
+NOISE_STEPS = re.compile("num_(train_time|inference_)steps")
+COUNTS = ("num_inference_steps", "num_train_timesteps", "n_obs_steps", "n_action_steps", "horizon", "chunk_size")
+"""Settings that are whole numbers from 1 on."""
 MOST_LAYERS = 256
 LAYERS = re.compile("layer|block|ensemble|depth")
 """Settings that count parts of a network, which are made one by one."""
@@ -51,7 +56,9 @@ def check_files(folder: Path) -> None:
         )
     _check_config(folder)
     training = read_json(folder / TRAINING) if (folder / TRAINING).exists() else {}
-    if type(training.get("seed")) not in (int, type(None)) or not isinstance(training.get("policy", {}), dict):
+    seed = training.get("seed")
+    is_seed = seed is None or (type(seed) is int and abs(seed) < 2**63)  # A row holds 64 bits of it.
+    if not is_seed or not isinstance(training.get("policy", {}), dict):
         raise SettingError(f"policy={folder}: its {TRAINING} is not LeRobot's. Delete it or copy it again.")
     for name in PROCESSORS:
         if (folder / name).exists():
@@ -87,7 +94,7 @@ def _check_config(folder: Path) -> None:
     if not isinstance(kind, str):
         raise SettingError(f"policy={folder}: its {CONFIG} has type={kind!r}. LeRobot writes a name, such as act.")
     for name, value in _numbers(config):
-        most = MOST_LAYERS if LAYERS.search(name) else LARGEST_NUMBER
+        most = MOST_LAYERS if LAYERS.search(name) else MOST_NOISE_STEPS if NOISE_STEPS.search(name) else LARGEST_NUMBER
         if not abs(value) <= most:  # also where it is not a number
             raise SettingError(f"policy={folder}: its {CONFIG} has {name}={value}. Allowed: numbers up to {most}.")
     for name in ("input_features", "output_features"):
@@ -96,13 +103,15 @@ def _check_config(folder: Path) -> None:
             raise SettingError(
                 f"policy={folder}: its {CONFIG} has {name} that are not LeRobot's type and shape of each."
             )
-    whole = {name: config.get(name) for name in ("num_inference_steps", "num_train_timesteps", "n_action_steps")}
+    whole = {name: config.get(name) for name in COUNTS}
     texts = {"noise_scheduler_type": config.get("noise_scheduler_type")}
     scale = {"guidance_scale": config.get("guidance_scale")}
     for values, kinds in ((whole, (int,)), (texts, (str,)), (scale, (int, float))):
         for name, found in values.items():
             if found is not None and type(found) not in kinds:
                 raise SettingError(f"policy={folder}: its {CONFIG} has {name}={found!r}, which is of another type.")
+            if name in COUNTS and found is not None and found < 1:
+                raise SettingError(f"policy={folder}: its {CONFIG} has {name}={found}. Allowed: 1 or more.")
 
 
 def _is_feature(feature: Any) -> bool:

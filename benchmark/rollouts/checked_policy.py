@@ -31,8 +31,11 @@ def loading(folder: Path) -> Iterator[None]:
     except SettingError:
         raise
     except (Exception, SystemExit) as error:  # draccus ends the program of what it cannot parse.
+        cause: BaseException = error
+        while cause.__cause__:  # draccus itself says only that a class could not be made.
+            cause = cause.__cause__
         raise SettingError(
-            f"policy={folder} cannot be loaded: {type(error).__name__}: {str(error)[:500]}. Was it saved by another "
+            f"policy={folder} cannot be loaded: {type(cause).__name__}: {str(cause)[:500]}. Was it saved by another "
             "version of LeRobot, or damaged?"
         ) from error
 
@@ -84,12 +87,20 @@ def _check_shapes(folder: Path, config: PreTrainedConfig, kind: type[PreTrainedP
     """Compare the weights with those that the config asks for, before memory is taken for any."""
     try:
         with torch.device("meta"):
-            asked = {name: tuple(x.shape) for name, x in kind(config).state_dict().items()}
+            state = kind(config).state_dict()
+        asked = {name: tuple(x.shape) for name, x in state.items()}
+        fractional = {name: x.is_floating_point() for name, x in state.items()}
     except (NotImplementedError, RuntimeError):  # Something that cannot be made without memory.
         return
     with safe_open(folder / WEIGHTS, framework="numpy") as archive:
-        there = {name: tuple(archive.get_slice(name).get_shape()) for name in archive.keys()}
+        slices = {name: archive.get_slice(name) for name in archive.keys()}
+        there = {name: tuple(each.get_shape()) for name, each in slices.items()}
+        kinds = {name: each.get_dtype() for name, each in slices.items()}
     for name, shape in there.items():
         if asked.get(name) != shape:
             wanted = f"{asked[name]} by its config.json" if name in asked else "none of that name by its config.json"
             raise SettingError(f"policy={folder}: its weights {name} are {shape}, but {wanted}.")
+        if fractional[name] and "F" not in kinds[name]:  # PyTorch would round them without a word.
+            raise SettingError(
+                f"policy={folder}: its weights {name} are of type {kinds[name]}, which has no fractions."
+            )
