@@ -78,6 +78,16 @@ def test_a_moved_base_moves_the_field_with_the_arm(cache):
     assert len(files(cache)) == 5
 
 
+def test_a_map_on_another_grid_than_its_name_says_is_made_again(cache):
+    """As a file would be that somebody put there, whose checksum is right."""
+    console, robot = Console(quiet=True), load_robot("ur3")
+    built = robot_map(robot, COMMON_BASE, COARSE, 1, console)
+    (path,) = files(cache)
+    grid = dataclasses.replace(built.grid, cell_size=0.1)
+    dataclasses.replace(built, grid=grid).save(path)
+    assert robot_map(robot, COMMON_BASE, COARSE, 1, console).grid == built.grid
+
+
 def test_maps_of_two_seeds_are_merged_from_their_files(cache, tmp_path):
     robot = load_robot("ur3")
     inputs = [str(tmp_path / f"{seed}.safetensors") for seed in (1, 2)]

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from richmap.cache import cached, fingerprint, seconds
+from richmap.files import FileRefusedError
 from richmap.geometry.grid import Grid
 from richmap.maps import construction
 from richmap.maps.construction import BuildProgress
@@ -88,7 +89,10 @@ def build_map(
         return built
 
     def load(path: Path) -> ReachabilityMap:
-        return ReachabilityMap.load(path, robot)
+        loaded = ReachabilityMap.load(path, robot)
+        if loaded.grid != grid:
+            raise FileRefusedError(f"{path} has another grid than its name says. Delete it and make it again.")
+        return loaded
 
     built, path = cached(f"maps/{robot.name}-{key[:16]}.safetensors", load, build)
     if made:  # and stored, so that what the build could go on from is not needed any more
