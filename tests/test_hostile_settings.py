@@ -28,8 +28,8 @@ REFUSED = {
         "seed_start=4294967296", "seed=-1", "arm.base=[1,2]", "arm.base=[nan,0,0]",
     ],
     "build_maps": [
-        "output=/dev/null", "output=/", "output=.", "output=", "output=/proc/x", "workers=10000",
-        "map.theta=.02 map.cell_size=.005",
+        "output=/dev/null", "output=/", "output=.", "output=", "output=/proc/x", "output=~", "output=~/x",
+        "workers=10000", "map.theta=.02 map.cell_size=.005",
     ],
     "similarity": ["base=[1,2]", "base=[nan,0,0]", "output=/dev/null", "a=custom"],
     "check": [

@@ -34,13 +34,22 @@ def check_limits(values: Mapping[str, Any], settings: Mapping[str, Setting]) -> 
     """
     for name, value in values.items():
         if isinstance(value, str):
-            check_setting(value.isprintable(), name, repr(value), "a text of printed characters")
+            _check_text(name, value)
         elif isinstance(value, list) and name in settings:
             _check_list(name, value, settings[name].default)
+            for each in value:
+                if isinstance(each, str):
+                    _check_text(name, each)
             for each in value if name == "scale" else []:
                 _check_number(name, each, "")
         elif isinstance(value, int | float) and not isinstance(value, bool):
             _check_number(name, value, "training " if "steps" in settings else "")
+
+
+def _check_text(name: str, value: str) -> None:
+    check_setting(value.isprintable(), name, repr(value), "a text of printed characters")
+    home = value == "~" or value.startswith("~/")  # Shells replace it only where a word begins with it.
+    check_setting(not home, name, value, f'a path in full, such as {name}="$HOME{value[1:]}"')
 
 
 def _check_list(name: str, values: list, default: list | None) -> None:
