@@ -95,14 +95,14 @@ def test_a_check_leaves_tables_a_picture_and_a_page(arm, demonstrations, tmp_pat
     check.main(config)
     said = capsys.readouterr().out
     assert "follows 91.7 % of 12 steps, and 50.0 % of 2 episodes" in said
-    assert re.search(r"out of reach: 1 steps \(8.3 %\) in 1 episodes; first in episode 4, step 5, at \(", said)
+    assert re.search(r"out of reach: 1 step \(8.3 %\) in 1 episode; first in episode 4, step 5, at \(", said)
     assert "Not in the cache: the map of " in said and "not calibrated" in said
     steps, arrays = pd.read_csv(out / "steps.csv"), np.load(out / "steps.npz")
     assert steps.followed.tolist() == [True] * 11 + [False] == arrays["followed"].tolist()
     assert steps.reason.iloc[-1] == "out of reach" == arrays["reason"][-1] and "mapped" not in steps
     assert pd.read_csv(out / "losses.csv").loc[0, ["episode", "step", "steps"]].tolist() == [4, 5, 1]
     page = (out / "check.html").read_text()
-    assert "followed: 11 steps" in page and "out of reach: 1 steps" in page and "axes of the base frame" in page
+    assert "followed: 11 steps" in page and "out of reach: 1 step" in page and "axes of the base frame" in page
     assert (out / "poses.ply").read_bytes().startswith(b"ply") and (out / "check.png").stat().st_size > 10_000
 
 
