@@ -27,8 +27,10 @@ if TYPE_CHECKING:
 
 TEMPLATE = Path(__file__).with_suffix(".html")
 
-PICTURES = 4
-"""Most moving pictures of an arm."""
+NAME = re.compile("(.+)-([^-]+)-([0-9]+)(?:-[0-9a-f]{8})?")
+"""Of a moving picture: the arm and how it stands, method and scale, scene; a row's id may follow."""
+SCENES = 4
+"""Most scenes of an arm of which there are moving pictures."""
 
 
 def page(
@@ -43,7 +45,8 @@ def page(
     Args:
         task: What the episodes are of.
         tables: The leaderboard of each protocol.
-        figures: Folder of moving pictures, `<arm>-<setting>-<method and scale>-<seed>.webp` (`benchmark.record`).
+        figures: Folder of moving pictures, `<arm>-<how it stands>-<method and scale>-<seed>.webp`, as
+            `benchmark.record` calls them; those of an arm that differ in the method alone are shown side by side.
         recipe: Of the policies.
         standings: How methods rank on each suite.
     """
@@ -65,7 +68,7 @@ def page(
         "scores": {score.name: score.text for score in task.scores},
         "mechanism": {"order_changed": "order changed"} | {trait.name: trait.title for trait in task.traits},
         "published": {robot: asdict(published) for robot, published in TABLE_3.items()},
-        "pictures": pictures(figures),
+        "scenes": scenes(figures),
         "about": f"{sum(row['n'] for row in rows):,} episodes on test scenes; episode version "
         f"{', '.join(map(str, versions))}; commit {', '.join(commits)}. "
         + policies_text(task, recipe).replace("- **Policies**", "Policies"),
@@ -111,13 +114,15 @@ def _key(row: dict[str, Any]) -> tuple[str, float]:
     return row["method"], row["lambda"]
 
 
-def pictures(folder: Path) -> list[dict[str, str]]:
-    """The first moving pictures of each arm, as the page holds them."""
-    files = [file for robot in PAPER_ARMS for file in sorted(folder.glob(f"{robot}-*.webp"))[:PICTURES]]
-    return [
-        {
-            "caption": ", ".join(file.stem.replace("lambda", "λ ").split("-")),
-            "source": f"data:image/webp;base64,{base64.b64encode(file.read_bytes()).decode()}",
-        }
-        for file in files
-    ]
+def scenes(folder: Path) -> list[dict[str, Any]]:
+    """Moving pictures of the first scenes of each arm, those of a scene together, as the page holds them."""
+    found = []
+    for robot in PAPER_ARMS:
+        of_scene: dict[tuple[str, str], list[dict[str, str]]] = {}
+        named = ((file, NAME.fullmatch(file.stem)) for file in sorted(folder.glob(f"{robot}-*.webp")))
+        for file, (arm, method, seed) in ((file, name.groups()) for file, name in named if name):
+            source = f"data:image/webp;base64,{base64.b64encode(file.read_bytes()).decode()}"
+            film = {"method": method.replace("lambda", "λ "), "source": source}
+            of_scene.setdefault((arm.replace("-", ", "), seed), []).append(film)
+        found += [{"arm": arm, "seed": seed, "films": films} for (arm, seed), films in of_scene.items()][:SCENES]
+    return found
