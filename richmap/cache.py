@@ -54,15 +54,19 @@ class Saved(Protocol):
         """Write it as one file."""
 
 
-def cached[Value: Saved](path: str, load: Callable[[Path], Value], make: Callable[[], Value]) -> tuple[Value, Path]:
+def cached[Value: Saved](
+    path: str, load: Callable[[Path], Value], make: Callable[[], Value], shipped: Path | None = None
+) -> tuple[Value, Path]:
     """The value of a file in the cache folder, made first if it is not there or cannot be read.
 
     A value must have `save(path)`. Two processes that want the same file make it once. A cache that cannot be written
-    to, as in somebody else's home, is read.
+    to, as in somebody else's home, is read. A file of that name that ships, in a folder `shipped`, is read instead.
 
     Raises:
-        CacheError: If such a one lacks the file.
+        CacheError: If a cache that cannot be written to lacks the file.
     """
+    if shipped is not None and (file := shipped / Path(path).name).exists():
+        return load(file), file
     file = Path(platformdirs.user_cache_dir("richmap")) / path
     try:
         file.parent.mkdir(parents=True, exist_ok=True)

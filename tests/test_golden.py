@@ -1,6 +1,6 @@
 """Stored episodes, rolled out again to the last bit: where one comes out otherwise, the episode version has to rise.
 
-`golden/episodes.json` holds the rows and the processor that gave them, `golden/fields` what their guidance looks at.
+`golden/episodes.json` holds the rows and the processor that gave them; their guidance looks at fields that ship.
 """
 
 import json
@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from benchmark.artifacts.known_policies import checkpoint_folder
+from benchmark.artifacts.maps import SHIPPED
 from benchmark.episodes.arm import arm_of
 from benchmark.episodes.episode import Condition, plain
 from benchmark.rollouts.arm_oracle import ArmOracle
@@ -66,7 +67,7 @@ def played(condition: dict, seed: int):
         arm_of(condition, BLOCK_PUSH),
         Condition.of(condition),
         checkpoint_folder(int(condition["checkpoint"][4:6])),
-        FOLDER / "fields" / f"{field[:16]}.safetensors" if field else None,
+        next(SHIPPED.glob(f"*-{field[:16]}.safetensors")) if field else None,
         GuidanceClass(HAND_OVER, "HandOver") if condition["method"] == "hand-over" else None,
     )
     return rollout.play([seed])[0].outcome

@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmark.artifacts.maps import SHIPPED
+from benchmark.settings.map_config import MapConfig
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -22,7 +25,7 @@ BOX = ((-0.2, -0.7), (0.9, 0.7))
 
 
 def distance_field(
-    arm: "PlacedArm", _map: object, _energy: object, _workers: int, console: "Console"
+    arm: "PlacedArm", of_map: MapConfig, _energy: object, _workers: int, console: "Console"
 ) -> tuple["SignedDistanceField", Path]:
     """Signed distance to the border of what the arm can hold in its branch (`SignedDistanceField`), by the arm alone.
 
@@ -59,4 +62,5 @@ def distance_field(
             about = {"target": arm.robot, "fingerprint": fingerprint}
             return SignedDistanceField.from_feasible(table.feasible, origin, CELL_SIZE, HEIGHT, arm.base[:2], about)
 
-    return cached(f"fields/distance-{arm.robot}-{key[:16]}.safetensors", SignedDistanceField.load, make)
+    name, shipped = f"fields/distance-{arm.robot}-{key[:16]}.safetensors", None if of_map.rebuild else SHIPPED
+    return cached(name, SignedDistanceField.load, make, shipped)

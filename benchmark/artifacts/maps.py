@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from richmap.similarity.directional import DirectionalCoverage, DirectionalEnergy
     from richmap.similarity.energy import EnergyField
 
+SHIPPED = Path(__file__).parent / "shipped"
+"""Fields of the suites' conditions (`benchmark.studies.shipped_fields`)."""
 FIELD_VERSION = 1
 """Of energy fields: raised by hand when the same maps and settings give another one."""
 
@@ -41,7 +43,7 @@ def robot_map(
 
         check_setting(torch.cuda.is_available(), "map.device", config.device, "cpu; there is no CUDA device here")
     try:
-        return build_map(description, base=base, workers=workers, console=console, **asdict(config))
+        return build_map(description, base=base, workers=workers, console=console, **config.construction)
     except ValueError as error:
         raise SettingError(f"robot={description.name}: {error}") from error
 
@@ -52,7 +54,7 @@ def cached_map(description: "RobotDescription", config: MapConfig) -> "Reachabil
     from richmap.outputs import CacheError
 
     try:
-        return build_map(description, only_cached=True, **asdict(config))
+        return build_map(description, only_cached=True, **config.construction)
     except CacheError:
         return None
 
@@ -125,7 +127,7 @@ def energy_field(
         "source": load_robot(SOURCE).fingerprint,
         "target": target.fingerprint,
         "base": [x + 0.0 for x in base],  # No negative zero.
-        "map": asdict(map_config) | {"version": MAP_VERSION},
+        "map": map_config.construction | {"version": MAP_VERSION},
         "energy": asdict(config),
     }
     key = made_from(inputs, FIELD_VERSION)
@@ -139,7 +141,8 @@ def energy_field(
             about = {"source": SOURCE, "target": target.name, "fingerprint": key}
             return EnergyField.from_similarity(grid, EnergySettings(**choices), about)
 
-    return cached(f"fields/{SOURCE}-{target.name}-{key[:16]}.safetensors", EnergyField.load, build)
+    shipped = None if map_config.rebuild else SHIPPED
+    return cached(f"fields/{SOURCE}-{target.name}-{key[:16]}.safetensors", EnergyField.load, build, shipped)
 
 
 def arm_coverage(
@@ -194,7 +197,7 @@ def _directional[F: ("DirectionalCoverage", "DirectionalEnergy")](
         "field": name,
         "target": target.fingerprint,
         "base": [x + 0.0 for x in base],  # No negative zero.
-        "map": asdict(map_config) | {"version": MAP_VERSION},
+        "map": map_config.construction | {"version": MAP_VERSION},
     }
     key = made_from(inputs | more, FIELD_VERSION)
 

@@ -31,7 +31,7 @@ def note_settings(output_dir: Path, players: "Sequence[Player]", config: RunConf
         if player.kind not in MAPS or file.exists():
             continue
         about = {"source": SOURCE, "target": condition.robot, "fingerprint": condition.field_fingerprint}
-        settings = {"map": asdict(config.map), "energy": asdict(config.energy)}
+        settings = {"map": config.map.construction, "energy": asdict(config.energy)}
         with replacing(file) as path:
             path.write_text(json.dumps({"version": VERSION} | about | settings, indent=1) + "\n")
 

@@ -1,6 +1,7 @@
 """Settings of maps and of the energy that is made of two."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from benchmark.settings.limits import check_memory
 from benchmark.settings.setting import check_setting
@@ -33,6 +34,13 @@ class MapConfig:
     """Height above the base frame's origin, in m, that no link that moves may be below; null for no ground."""
     seed: int = 0
     """Seed of the samples; a whole number >= 0."""
+    rebuild: bool = False
+    """Whether energy fields that ship are made anew of maps, as they are with other settings; true or false."""
+
+    @property
+    def construction(self) -> dict[str, Any]:
+        """What a map follows from besides its robot and where that stands."""
+        return {name: value for name, value in asdict(self).items() if name != "rebuild"}
 
     def __post_init__(self) -> None:
         half_width = self.half_width

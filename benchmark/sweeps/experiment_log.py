@@ -55,7 +55,7 @@ def log_field(config: RunConfig, player: "Player", group: str) -> None:
     assert isinstance(player, Rollout)  # Nobody else is guided.
     rollout, of_map = player, config.map
     arm, kind = rollout.arm, str(rollout.kind)
-    about = {"field": kind, "robot": arm.robot, "base": arm.base, "map": asdict(of_map)}
+    about = {"field": kind, "robot": arm.robot, "base": arm.base, "map": of_map.construction}
     with start_experiment(config.wandb, f"{kind} field, {arm.robot}", group, "field", about) as run:
         for reachability_map in made_of(kind, arm, of_map, config.workers, Console(quiet=True)):
             _use(run, _map(reachability_map))

@@ -1,0 +1,63 @@
+"""Makes the scalar fields that ship, those of the suites' conditions, so that nobody waits for maps.
+
+python -m benchmark.studies.shipped_fields
+"""
+
+import shutil
+from dataclasses import dataclass, field, fields
+
+from benchmark.settings.command import check_setting, run_command
+from benchmark.settings.map_config import EnergyConfig, MapConfig
+from benchmark.settings.paths import check_folder
+from benchmark.settings.suite import suite_conditions, suite_task, suites
+from benchmark.settings.task import chosen_task
+
+KINDS = ("feasibility", "energy")
+
+
+@dataclass
+class ShippedFieldsConfig:
+    """Makes fields with the usual settings of maps and of the energy, from the cache where they are there."""
+
+    suites: list[str] = field(default_factory=lambda: ["push-v1", "official", "quick"])
+    """Whose conditions, as in suites=[quick]."""
+    kinds: list[str] = field(default_factory=lambda: [*KINDS])
+    """Kinds of field, as in kinds=[energy]."""
+    output_dir: str = "benchmark/artifacts/shipped"
+    """Folder that they go to."""
+    workers: int = 2
+    """Processes that sample; a whole number >= 1."""
+
+    def __post_init__(self) -> None:
+        for each in fields(self)[:2]:
+            allowed = suites() if each.name == "suites" else KINDS
+            for name in getattr(self, each.name):
+                check_setting(name in allowed, each.name, name, ", ".join(allowed))
+        check_folder(self.output_dir)
+        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+
+
+def main(config: ShippedFieldsConfig) -> None:
+    """Make each field that is not there yet, and say what it takes."""
+    from pathlib import Path
+
+    from rich.console import Console
+
+    from benchmark.artifacts.fields import guidance_field
+    from benchmark.episodes.arm import suite_arms
+    from richmap.outputs import replacing
+
+    console, folder = Console(), Path(config.output_dir)
+    folder.mkdir(parents=True, exist_ok=True)
+    for kind in config.kinds:
+        for suite in config.suites:
+            for name, arm in suite_arms(suite_conditions(suite), chosen_task(suite_task(suite))).items():
+                made = guidance_field(kind, arm, MapConfig(rebuild=True), EnergyConfig(), config.workers, console)
+                assert made[1] is not None
+                with replacing(folder / made[1].name) as path:
+                    shutil.copyfile(made[1], path)
+                console.print(f"{suite}, {name}: {made[1].name}, {made[1].stat().st_size // 1000} kB", soft_wrap=True)
+
+
+if __name__ == "__main__":
+    run_command(main, ShippedFieldsConfig, "studies.shipped_fields")
