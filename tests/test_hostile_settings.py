@@ -20,6 +20,7 @@ REFUSED = {
         "output_dir=", "output_dir=/proc", "output_dir=/sys/x", "output_dir=a\0b", "output_dir=/dev/null/x",
         "map.ground=nan", "map.ground=inf", "map.ground=5", "map.cell_size=1e-6", "map.cell_size=.001",
         "map.cell_size=nan", "map.cell_size=1e-300", "map.half_width=inf", "map.z_offset=nan",
+        f"lambda=1{400 * '0'}", f"map.cell_size=1{400 * '0'}", f"episodes={5000 * '9'}", "map.stop_rate=1e-12",
         "map.draw=1000000000", "map.turns=1073741824",
         "map.target=1000000000000", "map.seed=-1", "workers=10000", "batch_size=1000000", "episodes=1000000000",
         "lambda=1e300", "lambda=inf", "method=best_of_n_energy lambda=1e6", "lambda=1e6", "sampling_steps=1000000",

@@ -7,6 +7,10 @@ from benchmark.settings.limits import check_memory
 from benchmark.settings.setting import check_setting
 from richmap.similarity.energy_settings import CHOICES, EnergySettings
 
+LEAST_STOP_RATE = 1e-4
+USUAL_HOURS = 0.05
+"""About what a map of usual settings takes to build on two cores, in [h]."""
+
 
 @dataclass(unsafe_hash=True)
 class MapConfig:
@@ -21,7 +25,7 @@ class MapConfig:
     z_offset: float = 0.2
     """How much the grid is raised against the base, in m."""
     stop_rate: float = 0.02
-    """Building stops when a batch brings less than this fraction of new directions; between 0 and 1."""
+    """Building stops when a batch brings less than this fraction of new directions; from 0.0001 to below 1."""
     target: int = 0
     """Building stops at this many directions; 0 for no such target."""
     draw: int = 4096
@@ -50,6 +54,9 @@ class MapConfig:
         check_setting(abs(self.z_offset) <= 10, "map.z_offset", self.z_offset, "a number from -10 to 10")
         check_setting(self.seed >= 0, "map.seed", self.seed, "a whole number >= 0")
         check_setting(0 < self.stop_rate < 1, "map.stop_rate", self.stop_rate, "a number between 0 and 1")
+        hours = USUAL_HOURS * MapConfig.stop_rate / self.stop_rate  # New directions get rarer as 1 / poses.
+        cost = f"a number from {LEAST_STOP_RATE:g} on; that would build for about {hours:,.0f} hours"
+        check_setting(self.stop_rate >= LEAST_STOP_RATE, "map.stop_rate", self.stop_rate, cost)
         check_setting(self.target >= 0, "map.target", self.target, "a whole number >= 0")
         check_memory("map.target", self.target, self.target * 40 / 1e9)
         check_setting(self.device in ("cpu", "cuda"), "map.device", self.device, "cpu, cuda")

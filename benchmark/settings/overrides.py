@@ -122,6 +122,10 @@ def _readable(override: str, key: str, value: str, kind: type, sweeps: bool) -> 
         if not (kind is str or (kind is list and value.startswith("[") and value.endswith("]"))):
             why = str(error).splitlines()[0]
             raise SettingError(f"{override} cannot be read: {why}. {how_to_quote(key, value)}") from error
+    except SettingError:
+        raise
+    except ValueError as error:  # Python reads no whole number of more than 4,300 digits.
+        raise SettingError(f"{key} cannot be read: it is a number of {len(value):,} digits.") from error
     head = override[: len(override) - len(value)]
     if kind is list:
         return f"{head}[{','.join(map(_quoted, value[1:-1].split(',')))}]"

@@ -1,5 +1,6 @@
 """The composed settings as an object of their schema."""
 
+import sys
 from functools import reduce
 from typing import Any, cast
 
@@ -8,6 +9,8 @@ from omegaconf.errors import OmegaConfBaseException
 
 from benchmark.settings.limits import check_limits
 from benchmark.settings.setting import PYTHON_NAME, TYPED_NAME, SettingError, settings_of, short
+
+MOST = sys.float_info.max
 
 
 def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
@@ -22,6 +25,10 @@ def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
         plain: Any = OmegaConf.to_container(merged, resolve=True)
         check_limits(_flat(plain), settings_of(schema))
         return cast(Config, OmegaConf.to_object(merged))
+    except OverflowError as error:  # A whole number that no number with a fraction can be.
+        raw: Any = OmegaConf.to_container(config, resolve=False)
+        wrong = next((name for name, x in _flat(raw).items() if type(x) is int and abs(x) > MOST), "a setting")
+        raise SettingError(f"{wrong} is not allowed: it is beyond {MOST:g}.") from error
     except OmegaConfBaseException as error:
         known, key = settings_of(schema), TYPED_NAME.get(str(error.full_key), str(error.full_key))
         if key not in known:
