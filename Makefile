@@ -1,6 +1,9 @@
 # `make run` and `make test` set everything up first; a second call starts at once.
 .PHONY: run test quick check-results types check docs test-docs setup clean
 
+# Compiled modules are kept, also where the environment forbids it: every process would compile them anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 UV := .boot/bin/uv
 PYTHON := .venv/bin/python
 PYTEST := OMP_NUM_THREADS=1 $(PYTHON) -m pytest
