@@ -89,6 +89,7 @@ def test_direct_transfer_on_target_arms_comes_first_and_entries_never():
             row(2, "dithering", robot="xarm6"),
             row(9, "dithering", robot="ur10"),
             row(4, "dithering", robot="ur3", sampling_steps=1),
+            row(2, "time_out", robot="panda", **guided),
             row(3, "time_out", **guided),
             row(0, "time_out", entry_hash="abc"),
             row(0, "time_out", checkpoint_hash="of a policy that is not here"),
@@ -103,6 +104,7 @@ def test_direct_transfer_on_target_arms_comes_first_and_entries_never():
         ("dithering", 2),
         ("dithering", 1),
         ("time_out", 3),
+        ("time_out", 2),
     ]
     text = markdown(chosen.drop_duplicates("failure_cause").to_dict("records"), failed.failure_cause.value_counts())
     assert "| `dithering` | 4 | ur10" in text and "`block_tipped`" in text.split("| cause")[0]

@@ -99,13 +99,14 @@ def examples(failed: "pd.DataFrame", policies: set[str]) -> "pd.DataFrame":
     """A few rows for each cause that there is, of our own methods and of these policies.
 
     Episodes with fewer denoising steps than the default come last; direct transfer comes before guidance, the UR3
-    before the other targets and these before the source; then seeds.
+    before the paper's other targets, these before the source and that before all others; then seeds.
     """
+    order_of = {name: place for place, name in enumerate([*PAPER_ARMS[1:], PAPER_ARMS[0]])}
     ours = failed[(failed.entry_hash == "") & failed.checkpoint_hash.isin(policies)]
     order = ours.assign(
         rushed=ours.sampling_steps < RunConfig().sampling_steps,
         guided=ours["lambda"] > 0,
-        arm=ours.robot.map([*PAPER_ARMS[1:], PAPER_ARMS[0]].index),
+        arm=ours.robot.map(order_of).fillna(len(order_of)),
     )
     order = order.sort_values(["rushed", "guided", "arm", "episode_seed", "checkpoint", "method", "lambda"])
     return ours.loc[order.index[order.groupby("failure_cause", sort=False).cumcount() < TRIED]]
