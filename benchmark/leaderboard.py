@@ -41,6 +41,7 @@ def main(config: LeaderboardConfig) -> None:
     boards = read_boards(folder, task, config.recipe)
     board = recipe_folder(folder if config.task == LeaderboardConfig.task else folder / task.name, config.recipe)
     text = markdown(task, boards.tables, config.recipe, boards.standings)
+    text = text.replace("](../docs/", f"]({'../' * len(board.relative_to(folder).parts)}../docs/")
     html = page(task, boards.tables, board / "figures", config.recipe, boards.standings)
     for file, content in ((board / "LEADERBOARD.md", text), (board / "leaderboard.html", html)):
         with replacing(file) as path:
