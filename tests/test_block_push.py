@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from envs import ENVIRONMENTS, PRESS_BUTTONS_ENVIRONMENTS
+from envs import BLOCK_PUSH, ENVIRONMENTS, PRESS_BUTTONS, PRESS_BUTTONS_ENVIRONMENTS
+from envs.arm.place_arm import place_arm
 from envs.block_push.scene import draw_scene
-from envs.block_push.workspace import WORKSPACE
+from envs.block_push.workspace import POSES, WORKSPACE
 from tests.egl import has_egl, needs_egl
 
 pytestmark = pytest.mark.system
@@ -172,6 +173,14 @@ def test_bad_input_is_refused_with_the_way_out(env):
         make(obs_type="picture")
     with pytest.raises(ValueError, match="observation_width is a whole number of pixels from 8 to 2048. Got 4096"):
         make(obs_type="pixels", observation_width=4096)
+
+
+@pytest.mark.parametrize("name", [BLOCK_PUSH, PRESS_BUTTONS])
+def test_an_argument_that_there_is_not_is_refused_by_its_name(name):
+    with pytest.raises(ValueError, match="There is no argument width. Choices of an arm: setting, base, yaw"):
+        gymnasium.make(name, robot="ur3", width=1)
+    with pytest.raises(ValueError, match="yaw goes with robot=, and an arm= stands as it stands"):
+        gymnasium.make(name, arm=place_arm("ur3", POSES), yaw=0.1)
 
 
 @pytest.mark.parametrize(

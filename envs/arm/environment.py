@@ -28,6 +28,18 @@ OBS_TYPES = ("state", "environment_state_agent_pos", "pixels", "pixels_agent_pos
 LEROBOT_BEGINS = "lerobot_new_rollout"
 """An option that `lerobot-eval` gives; it changes nothing here."""
 
+
+def given_scene(options: dict[str, Any] | None) -> Any:
+    """The option `scene` of a reset; None if it is not given.
+
+    Raises:
+        ValueError: If there is another option.
+    """
+    if unknown := [*map(repr, (options or {}).keys() - {"scene", LEROBOT_BEGINS})]:
+        raise ValueError(f"There is no option {', '.join(unknown)}. Options: scene")
+    return (options or {}).get("scene")
+
+
 Observation = Float[np.ndarray, " numbers"] | UInt8[np.ndarray, "height width 3"] | dict[str, np.ndarray]
 
 

@@ -1,9 +1,10 @@
 """Placing an arm: from its description, a setting and what a task asks of it to a `PlacedArm`; the door of arms."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from inspect import signature
 from itertools import batched
 from typing import Any
 
@@ -82,6 +83,22 @@ def place_arm(
         description, setting, (x, y, z), posture=stated.posture, branch=name, bounds=stated.bounds, **chosen
     )
     return _in_posture(arm, poses, posture)
+
+
+def arm_or_named(arm: PlacedArm | None, robot: str, poses: TaskPoses, choices: Mapping[str, Any]) -> PlacedArm:
+    """An arm as it stands, or else the one of a name with choices, as environments are given them.
+
+    Raises:
+        ValueError: If there is no such choice, or the arm cannot do the task so.
+    """
+    known = [*signature(place_arm).parameters][2:]
+    if unknown := [*choices.keys() - {*known}]:
+        raise ValueError(f"There is no argument {', '.join(sorted(unknown))}. Choices of an arm: {', '.join(known)}")
+    if arm is not None and choices:
+        raise ValueError(
+            f"{', '.join(choices)} goes with robot=, and an arm= stands as it stands. Give one of the two."
+        )
+    return place_arm(robot, poses, **choices) if arm is None else arm
 
 
 def _check_numbers(

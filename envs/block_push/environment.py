@@ -9,7 +9,7 @@ from gymnasium import spaces
 from jaxtyping import Bool, Float
 
 from envs import MAX_EPISODE_STEPS
-from envs.arm.environment import LEROBOT_BEGINS, ArmEnv, Observation
+from envs.arm.environment import ArmEnv, Observation, given_scene
 from envs.arm.inverse_kinematics import Posture
 from envs.arm.placed_arm import start_posture
 from envs.block_push.scene import Scene, checked_scene, draw_scene
@@ -98,10 +98,8 @@ class BlockPushEnv(ArmEnv[BlockPushSimulation]):
         Raises:
             ValueError: If there is another option, or the scene cannot be placed.
         """
-        options = options or {}
-        if unknown := [*map(repr, options.keys() - {"scene", LEROBOT_BEGINS})]:
-            raise ValueError(f"There is no option {', '.join(unknown)}. Options: scene")
-        given = None if options.get("scene") is None else checked_scene(options["scene"])
+        scene = given_scene(options)
+        given = None if scene is None else checked_scene(scene)
         super().reset(seed=seed)
         if given is None:
             given = draw_scene(int(self.np_random.integers(2**31)) if seed is None else seed)

@@ -2,10 +2,11 @@
 
 from typing import Any
 
+from envs.arm.place_arm import arm_or_named
 from envs.arm.placed_arm import PlacedArm
 from envs.arm.renderer import HEIGHT, WIDTH
-from envs.block_push.arm import block_push_arm
 from envs.block_push.environment import BlockPushEnv
+from envs.block_push.workspace import POSES
 
 
 def make(
@@ -34,7 +35,7 @@ def make(
             `delay`, as `envs.arm.place_arm.place_arm` has them.
     """
     return BlockPushEnv(
-        block_push_arm(robot, **choices) if arm is None else arm,
+        arm_or_named(arm, robot, POSES, choices),
         obs_type,
         render_mode,
         observation_width,

@@ -7,7 +7,7 @@ import numpy as np
 from gymnasium import spaces
 from jaxtyping import Float, UInt8
 
-from envs.arm.environment import LEROBOT_BEGINS, ArmEnv, Observation
+from envs.arm.environment import ArmEnv, Observation, given_scene
 from envs.press_buttons.motion import counts, follow, keep_near, move
 from envs.press_buttons.scene import Scene, checked_scene, draw_scene
 from envs.press_buttons.twin import ToolKinematics
@@ -94,10 +94,8 @@ class PressButtonsEnv(ArmEnv[PressButtonsSimulation]):
         Raises:
             ValueError: If there is another option, or the scene cannot be placed.
         """
-        options = options or {}
-        if unknown := [*map(repr, options.keys() - {"scene", LEROBOT_BEGINS})]:
-            raise ValueError(f"There is no option {', '.join(unknown)}. Options: scene")
-        given = None if options.get("scene") is None else checked_scene(options["scene"])
+        scene = given_scene(options)
+        given = None if scene is None else checked_scene(scene)
         super().reset(seed=seed)
         if given is None:
             given = draw_scene(int(self.np_random.integers(2**31)) if seed is None else seed)

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from envs.arm.place_arm import place_arm
+from envs.arm.place_arm import arm_or_named
 from envs.arm.placed_arm import PlacedArm
 from envs.press_buttons.environment import PressButtonsEnv
 from envs.press_buttons.workspace import POSES
@@ -21,7 +21,7 @@ def make(robot: str = "xarm6", arm: PlacedArm | None = None, **given: Any) -> Pr
         f"{kind}_{side}" for kind in ("observation", "visualization") for side in ("width", "height")
     )
     shown = {name: given.pop(name) for name in seen if name in given}
-    return PressButtonsEnv(place_arm(robot, POSES, **given) if arm is None else arm, **shown)
+    return PressButtonsEnv(arm_or_named(arm, robot, POSES, given), **shown)
 
 
 make.metadata = PressButtonsEnv.metadata  # type: ignore[attr-defined]  # By it Gymnasium opens a window for "human".
