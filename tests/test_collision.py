@@ -41,6 +41,7 @@ def test_some_makers_collision_meshes_are_wider_than_those_shown(name, rejected)
     assert self_collision(robot)(joints)[free].mean() == pytest.approx(rejected, abs=0.015)
 
 
+@pytest.mark.system
 def test_neighbours_in_the_chain_are_not_checked(robot):
     neighbours = set(zip(robot.links, robot.links[1:], strict=False))
     assert not neighbours & set(self_collision(robot).pairs)

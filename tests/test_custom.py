@@ -72,6 +72,7 @@ def test_scale_and_origin_of_a_mesh_are_honoured(file):
     assert np.allclose(tube.triangles().bounds, [[-0.03, -0.075, 0.07], [0.03, 0.075, 0.13]], atol=1e-4)
 
 
+@pytest.mark.system
 def test_boxes_cylinders_and_spheres_collide(file):
     robot = custom_robot(file, "base", "flange")
     check = self_collision(robot)
@@ -84,12 +85,14 @@ def test_boxes_cylinders_and_spheres_collide(file):
     assert (check(joints) == hits.any(1)).all()
 
 
+@pytest.mark.system
 def test_limits_need_no_effort_or_velocity(file):
     file.write_text(ARM.replace(' effort="1" velocity="1"', ""))
     robot = custom_robot(file, "base", "flange")
     assert len(sample_workspace(robot, np.random.default_rng(0), 50, 2).joints) > 0
 
 
+@pytest.mark.system
 def test_a_box_within_a_box_collides(file):
     """Primitives are solid, other than meshes."""
     file.write_text(ARM)
@@ -99,6 +102,7 @@ def test_a_box_within_a_box_collides(file):
     assert (check(joints) == check.pair_hits(joints).any(1)).all()
 
 
+@pytest.mark.system
 def test_a_foot_that_is_fixed_to_the_base_does_not_turn_with_the_arm(file):
     robot = custom_robot(file, "base", "flange")
     check = self_collision(robot)

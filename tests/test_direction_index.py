@@ -64,6 +64,7 @@ def test_of_equally_near_directions_it_names_the_first():
     assert (row == scan(start, directions, *poses)[0]).all()
 
 
+@pytest.mark.system
 def test_within_is_a_float32_comparison_with_the_angles_cosine():
     start, directions = random_map()
     index = DirectionIndex.build(GRID, start, directions)

@@ -18,6 +18,7 @@ def own_cache(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.system
 def test_the_papers_set_is_half_reachable_and_the_rest_is_not():
     robot = load_robot("panda")
     made = make_test_set(robot, TEST_SETS["paper"], np.random.default_rng(0), 200)
@@ -33,6 +34,7 @@ def test_the_papers_set_is_half_reachable_and_the_rest_is_not():
     assert (poses.paper_box(robot).cells_of(made.positions) == 0).all()
 
 
+@pytest.mark.system
 def test_poses_of_free_configurations_are_labelled_reachable():
     robot = load_robot("ur3")
     positions, rotations = poses.draw("reachable", robot, np.random.default_rng(1), 150)

@@ -66,6 +66,7 @@ def test_with_a_free_roll_only_the_approach_direction_counts():
     assert solved.sum() > solve(robot, starts, positions, rolled)[1].sum()
 
 
+@pytest.mark.system
 def test_the_loose_tolerance_is_a_sum_and_takes_in_the_strict_one():
     robot = load_robot("iiwa7")
     positions, rotations = random_poses(robot, 150)
@@ -89,6 +90,7 @@ def test_a_colliding_solution_does_not_end_the_search():
     assert solve(robot, starts, positions[:1], rotations[:1])[1][0] == solved[0]
 
 
+@pytest.mark.system
 def test_search_agrees_with_scipy_on_what_is_out_of_reach():
     robot = load_robot("xarm6")
     positions, rotations = random_poses(robot, 40, seed=3)
@@ -147,6 +149,7 @@ def test_closed_form_gives_back_every_configuration_as_one_of_its_branches():
     assert off.max() <= POSITION_TOLERANCE and turn.max() <= ANGLE_TOLERANCE
 
 
+@pytest.mark.system
 def test_search_and_closed_form_agree():
     robot = load_robot("ur5e")
     positions, rotations = random_poses(robot, 300)

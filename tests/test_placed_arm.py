@@ -80,6 +80,7 @@ def test_a_description_on_a_turned_base_has_its_frame_parallel_to_the_worlds():
     assert robot.turned(0.0) is robot and robot.turned(0.3).fingerprint != robot.fingerprint
 
 
+@pytest.mark.system
 def test_an_environment_takes_an_arm_as_it_stands():
     arm = block_push_arm("ur10", "best")
     env = gymnasium.make(BLOCK_PUSH, arm=arm, disable_env_checker=True)
@@ -88,6 +89,7 @@ def test_an_environment_takes_an_arm_as_it_stands():
     assert env.reset(seed=1)[0].tobytes() == named.reset(seed=1)[0].tobytes()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("robot", ["panda", "gen3"])
 def test_an_arm_of_seven_joints_pushes_where_it_is_told(robot):
     env = gymnasium.make(BLOCK_PUSH, robot=robot, disable_env_checker=True)
@@ -137,6 +139,7 @@ def test_a_posture_can_be_given_and_is_not_sought():
         block_push_arm("ur3", branch=FOUND, posture=[0.0, 0.0, 0.0])
 
 
+@pytest.mark.system
 def test_a_narrowed_joint_never_leaves_its_range():
     free, held = block_push_arm("ur5"), block_push_arm("ur5", narrowed=(1.0, -1.4, 0.2))
     joints = []

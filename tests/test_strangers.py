@@ -136,6 +136,7 @@ def test_pairs_are_ignored_that_an_srdf_or_a_setting_names(arm, tmp_path):
         arm(text, ignore=[["base", "gate"]])
 
 
+@pytest.mark.system
 def test_a_pair_that_often_touches_is_named(arm):
     wall = fixed("base", "wall", "0.13 0 0.35", shape='<box size="0.1 0.6 0.6"/>')
     said = " ".join(remarks(arm(urdf(wall))))
@@ -211,6 +212,7 @@ def test_what_is_left_out_is_named(arm):
     assert "Left out: arm.urdf: link 'camera' lacks its mesh" in " ".join(arm(lost).notes)
 
 
+@pytest.mark.system
 def test_the_approach_direction_can_be_another_axis(arm):
     text = urdf(fixed("tool", "tool_x", "0 0 0.05", "0 -1.5707963267948966 0"))
     plain = arm(text, "tool_x")
@@ -352,6 +354,7 @@ def test_a_negative_scale_mirrors_a_mesh(arm, tmp_path):
         arm(urdf(mesh=DAE.format("wedge.obj", "1 0 1")))
 
 
+@pytest.mark.system
 def test_names_in_any_alphabet_in_any_locale(tmp_path):
     file = tmp_path / "Leer zeichen.urdf"
     text = urdf().replace('"tool"', '"werkzeug ü"')

@@ -94,6 +94,7 @@ def test_a_way_s_share_is_what_the_twin_can_press(arm, model):
     assert {0.0, 1.0} <= {*found}
 
 
+@pytest.mark.system
 def test_an_expert_that_is_shown_a_way_presses_where_it_fails_else(model):
     """The expert presses the first two buttons that it sees open, or the one. It does so on the twin, touching nothing
     else, in all scenes in which the arm can go some way."""
