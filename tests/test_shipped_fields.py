@@ -39,10 +39,11 @@ def test_what_the_arms_of_the_suites_can_hold_ships(nothing_is_made, suite):
         assert isinstance(field, SignedDistanceField) and file.parent == maps.SHIPPED
 
 
-@pytest.mark.parametrize("name", ["ur3", "ur5", "xarm6"])
-def test_a_first_run_needs_no_map(nothing_is_made, name):
-    field, file = of("energy", suite_arms(suite_conditions("official"), BLOCK_PUSH)[name])
-    assert isinstance(field, EnergyField) and file.parent == maps.SHIPPED
+@pytest.mark.parametrize("suite", ["official", "quick"])
+def test_a_first_run_needs_no_map(nothing_is_made, suite):
+    for arm in suite_arms(suite_conditions(suite), BLOCK_PUSH).values():
+        field, file = of("energy", arm)
+        assert isinstance(field, EnergyField) and file.parent == maps.SHIPPED
 
 
 def test_other_settings_are_built_and_so_is_what_is_asked_to_be(nothing_is_made, monkeypatch, tmp_path):
