@@ -40,12 +40,6 @@ class PoseCost:
             return at
         return ValueAndGradients(1 - at.value, -at.position, -at.direction)
 
-    def at_goals(
-        self, points: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
-    ) -> Float[np.ndarray, " n"]:
-        """The value alone."""
-        return self.value_and_gradients(points, directions).value
-
     def of_tensors(self, points: Float[Tensor, "*b 3"], directions: Float[Tensor, "*b 3"]) -> ValueAndGradients:
         """Of poses as tensors, row after row."""
         rows = (each.detach().double().cpu().numpy().reshape(-1, 3) for each in (points, directions))
@@ -56,10 +50,11 @@ class PoseCost:
 class FlippedCost(PoseCost):
     """A control: what costs most is wanted."""
 
-    def at_goals(
+    def value_and_gradients(
         self, points: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
-    ) -> Float[np.ndarray, " n"]:
-        return 1 - super().at_goals(points, directions)
+    ) -> ValueAndGradients:
+        value, position, direction = super().value_and_gradients(points, directions)
+        return ValueAndGradients(1 - value, -position, -direction)
 
 
 @dataclass(frozen=True)
@@ -68,12 +63,12 @@ class ShuffledCost(PoseCost):
 
     seed: int
 
-    def at_goals(
+    def value_and_gradients(
         self, points: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
-    ) -> Float[np.ndarray, " n"]:
+    ) -> ValueAndGradients:
         grid, cells = self.field.grid, self.field.grid.cells_of(points)
         moved = grid.centres()[self._moved[cells]] - grid.centres()[cells]
-        return super().at_goals(points + np.where((cells >= 0)[:, None], moved, 0.0), directions)
+        return super().value_and_gradients(points + np.where((cells >= 0)[:, None], moved, 0.0), directions)
 
     @cached_property
     def _moved(self) -> Int[np.ndarray, " cells"]:

@@ -134,7 +134,7 @@ class WayByMap(WayChoice):
         self, joints: Float[np.ndarray, " dof"], scene: Float[np.ndarray, " rest"], ways: Sequence[Way]
     ) -> Float[np.ndarray, " k"]:
         flanges = [(way.positions - self.ahead * way.directions, way.directions) for way in ways]
-        worst = [self.cost.at_goals(*flange).max() for flange in flanges]
+        worst = [self.cost.value_and_gradients(*flange).value.max() for flange in flanges]
         return np.clip(1 - np.array(worst), 0, self.enough)
 
 

@@ -107,11 +107,15 @@ def test_a_check_leaves_tables_a_picture_and_a_page(arm, demonstrations, tmp_pat
 
 
 @pytest.mark.system
-def test_a_scaled_arm_is_asked_for_the_task_as_it_has_it(tmp_path, capsys):
-    """An SO-101 reaches nothing of the table in full size; it pushes on one that is two fifths as large."""
-    check.main(CheckConfig(RobotConfig("so101"), scenes=2, output_dir=str(tmp_path)))
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [("so101", "of whose metres one is 0.4 of so101's"), ("j2s6s200", "too fast:")],
+    ids=["reaches nothing in full size", "its joints are slow, and the simulation turns all alike"],
+)
+def test_an_arm_is_asked_for_the_task_as_the_simulation_has_it(tmp_path, capsys, name, why):
+    check.main(CheckConfig(RobotConfig(name), scenes=2, output_dir=str(tmp_path)))
     said = " ".join(capsys.readouterr().out.split())
-    assert "of whose metres one is 0.4 of so101's" in said
+    assert why in said
     assert int(re.search(r"Expected success of direct transfer: (\d+) %", said)[1]) > 80
 
 
@@ -186,12 +190,3 @@ def test_a_region_is_least_and_greatest():
         BaseConfig(x=[0.3, -0.3])
     with pytest.raises(SettingError, match="gives up to 20000 candidates; these are 40401"):
         BaseConfig(x=[-1, 1], y=[-1, 1], spacing=0.01)
-
-
-@pytest.mark.system
-def test_an_arm_that_is_too_slow_is_not_late_in_the_simulation(tmp_path, capsys):
-    """The J2S6S200's joints are slow by its description; in the simulation, which turns all alike, it succeeds."""
-    check.main(CheckConfig(RobotConfig("j2s6s200"), scenes=2, output_dir=str(tmp_path)))
-    said = " ".join(capsys.readouterr().out.split())
-    assert "too fast:" in said
-    assert int(re.search(r"Expected success of direct transfer: (\d+) %", said)[1]) > 80

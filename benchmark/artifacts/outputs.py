@@ -10,14 +10,15 @@ if TYPE_CHECKING:
 
 
 def store_rows(file: Path, rows: "pd.DataFrame", key: list[str]) -> "pd.DataFrame":
-    """Add rows to a Parquet table, in place of older ones that agree in the columns of the key; gives the table."""
+    """Add rows to a table, a Parquet or CSV file, in place of older ones that agree in the key's columns; gives the
+    table."""
     import pandas as pd
 
     table = rows
     if file.exists():
-        older = pd.read_parquet(file)
+        older = pd.read_csv(file) if file.suffix == ".csv" else pd.read_parquet(file)
         replaced = pd.MultiIndex.from_frame(older[key]).isin(pd.MultiIndex.from_frame(rows[key]))
         table = pd.concat([older[~replaced], rows], ignore_index=True)
     with replacing(file) as path:
-        table.to_parquet(path, index=False)
+        (table.to_csv if file.suffix == ".csv" else table.to_parquet)(path, index=False)
     return table

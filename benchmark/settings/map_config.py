@@ -39,7 +39,7 @@ class MapConfig:
     seed: int = 0
     """Seed of the samples; a whole number >= 0."""
     rebuild: bool = False
-    """Whether energy fields that ship are made anew of maps, as they are with other settings; true or false."""
+    """Whether fields that ship are passed over and made here, as they are with other settings; true or false."""
 
     @property
     def construction(self) -> dict[str, Any]:

@@ -49,10 +49,10 @@ def main(config: DecisionTimeConfig) -> None:
     from rich.console import Console
 
     from benchmark.artifacts.known_policies import checkpoint_folder
+    from benchmark.artifacts.outputs import store_rows
     from benchmark.rollouts.make_rollout import make_rollout
     from benchmark.scoring.decision_time import KEY
     from benchmark.settings.robot_config import RobotConfig
-    from richmap.outputs import replacing
 
     console, rows = Console(), []
     for task in config.tasks:
@@ -64,13 +64,7 @@ def main(config: DecisionTimeConfig) -> None:
             )
             rollout = make_rollout(run, scale, checkpoint_folder(run.seed, task=task), console)
             rows.append({"task": task, "method": method, "lambda": scale, **timed(rollout, config.episodes)})
-    table, file = pd.DataFrame(rows), Path(config.output)
-    if file.exists():
-        older = pd.read_csv(file)
-        kept = older[~pd.MultiIndex.from_frame(older[KEY]).isin(pd.MultiIndex.from_frame(table[KEY]))]
-        table = pd.concat([kept, table], ignore_index=True)
-    with replacing(file) as path:
-        table.to_csv(path, index=False)
+    table = store_rows(Path(config.output), pd.DataFrame(rows), KEY)
     console.print(table.to_markdown(index=False), soft_wrap=True)
 
 
