@@ -191,7 +191,7 @@ def test_an_argument_that_there_is_not_is_refused_by_its_name(name):
         ({"scene": scene_with(block=np.zeros(2))}, "block is 3 finite numbers"),
         ({"scene": scene_with(target2=np.array([0.3, np.nan, 0.0]))}, "target2 is 3 finite numbers"),
         ({"scene": scene_with(block2=np.array([0.3, 7.0, 0.0]))}, "block2 lies within 3.0 m of the origin"),
-        ({"scene": scene_with(effector=np.array([0.9, 0.0]))}, "effector lies within"),
+        ({"scene": scene_with(effector=np.array([1.0, 0.0]))}, "effector lies within"),
         ({"scene": scene_with(mode=4)}, "mode is a whole number from 0 to 3. Got 4"),
     ],
 )

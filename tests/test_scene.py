@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from envs.block_push.scene import BLOCK_DIAGONAL, MIN_BLOCK_DISTANCE, draw_crowded_scene, draw_scene, draw_wide_scene
+from envs.block_push.scene import (
+    BLOCK_DIAGONAL,
+    MIN_BLOCK_DISTANCE,
+    checked_scene,
+    draw_crowded_scene,
+    draw_scene,
+    draw_wide_scene,
+)
 from envs.block_push.workspace import WORKSPACE
 
 # From the original environment; by seed: x, y, yaw of block, block2, target, target2, then the oracle's mode.
@@ -64,3 +71,10 @@ def test_crowded_scenes_have_a_block_at_a_target_and_overlap_nowhere():
     assert to_target.max() <= 0.09 and (to_target < 0.03).sum() > 20 and (to_target > 0.05).sum() > 100
     assert apart.min() > BLOCK_DIAGONAL and (apart < 0.1).mean() > 0.3 and (apart > 0.2).mean() > 0.2
     assert np.linalg.norm(blocks - effectors[:, None], axis=-1).min() > 0.04
+
+
+@pytest.mark.parametrize("draw", [draw_wide_scene, draw_crowded_scene])
+def test_every_scene_for_training_data_can_be_placed(draw):
+    rng = np.random.default_rng(1)
+    for _ in range(3000):
+        checked_scene(draw(rng))

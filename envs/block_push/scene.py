@@ -20,6 +20,8 @@ FLOOR = 3.0
 """The floor ends this far from the origin along x and y, in [m]."""
 MODES = 4
 """Plans of the scripted oracle."""
+START_MARGIN = 0.2
+"""The effector starts at most this far outside the workspace, in [m]: scenes for training data put it beside blocks."""
 ATTEMPTS = 1000
 """Draws of the second block before both are drawn again."""
 
@@ -58,7 +60,7 @@ def checked_scene(scene: Any) -> Scene:
             raise ValueError(f"The scene's {name} is {length} finite numbers. Got {given!r}")
         if np.abs(placed[name][:2]).max() > FLOOR:
             raise ValueError(f"The scene's {name} lies within {FLOOR} m of the origin along x and y. Got {given!r}")
-    low, high = WORKSPACE
+    low, high = WORKSPACE[0] - START_MARGIN, WORKSPACE[1] + START_MARGIN
     if (placed["effector"] < low).any() or (placed["effector"] > high).any():
         raise ValueError(f"The scene's effector lies within {low} and {high}, in m. Got {scene.effector!r}")
     if scene.mode not in range(MODES):
