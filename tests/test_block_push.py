@@ -9,6 +9,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from envs import BLOCK_PUSH, ENVIRONMENTS, PRESS_BUTTONS, PRESS_BUTTONS_ENVIRONMENTS
+from envs.arm.environment import given_scene
 from envs.arm.place_arm import place_arm
 from envs.block_push.scene import draw_scene
 from envs.block_push.workspace import POSES, WORKSPACE
@@ -202,6 +203,12 @@ def test_options_that_cannot_be_are_refused_and_change_nothing(env, options, sai
     after = env.reset()[0]
     env.reset(seed=0)
     assert (after == env.reset()[0]).all()
+
+
+def test_options_that_are_no_dict_are_refused():
+    for options in ("scene", ["scene"], 0):
+        with pytest.raises(ValueError, match="Options are a dict, such as"):
+            given_scene(options)
 
 
 def test_a_vector_environment_with_any_policy_runs():

@@ -29,15 +29,18 @@ LEROBOT_BEGINS = "lerobot_new_rollout"
 """An option that `lerobot-eval` gives; it changes nothing here."""
 
 
-def given_scene(options: dict[str, Any] | None) -> Any:
+def given_scene(options: Any) -> Any:
     """The option `scene` of a reset; None if it is not given.
 
     Raises:
-        ValueError: If there is another option.
+        ValueError: If there is another option, or they are no dict.
     """
-    if unknown := [*map(repr, (options or {}).keys() - {"scene", LEROBOT_BEGINS})]:
+    options = {} if options is None else options
+    if not isinstance(options, dict):
+        raise ValueError(f"Options are a dict, such as {{'scene': scene}}. Got {options!r}")
+    if unknown := [*map(repr, options.keys() - {"scene", LEROBOT_BEGINS})]:
         raise ValueError(f"There is no option {', '.join(unknown)}. Options: scene")
-    return (options or {}).get("scene")
+    return options.get("scene")
 
 
 Observation = Float[np.ndarray, " numbers"] | UInt8[np.ndarray, "height width 3"] | dict[str, np.ndarray]
