@@ -97,6 +97,14 @@ def test_it_has_no_network_and_reaches_no_process_of_ours(tmp_path, houses):
     assert watching.is_running()
 
 
+def test_what_it_prints_is_shown_up_to_a_limit(tmp_path, capfd):
+    of = stranger(tmp_path, "print('once')", "while True: os.write(1 + self.begun % 2, bytes(65536))", seconds=3.0)
+    with pytest.raises(SettingError, match="gave no answer: it has 3 s"):
+        of.make(1.0, None, (0.0, 0.0), 0).correct(CHUNK, STATE)
+    printed = capfd.readouterr()
+    assert printed.out == "" and "once\n" in printed.err and len(printed.err) < 200_000
+
+
 def test_what_it_changes_stays_with_it(tmp_path):
     """And its answers are taken as they are: of the right form, finite, our own copy."""
     lines = [

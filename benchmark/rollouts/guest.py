@@ -124,7 +124,7 @@ class GuestProcess:
         ends = (theirs.fileno(), tells.fileno())
         one_thread = dict.fromkeys(["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"], "1")
         self._process = subprocess.Popen(
-            [sys.executable, "-c", command, *map(str, (*ends, gigabytes))],
+            [sys.executable, "-u", "-c", command, *map(str, (*ends, gigabytes))],
             stdin=subprocess.PIPE,  # It ends with this.
             pass_fds=ends,
             start_new_session=True,  # Ctrl-C is for us.

@@ -10,7 +10,6 @@ import os
 import resource
 import select
 import signal
-import sys
 import time
 from typing import Any, NoReturn
 
@@ -18,6 +17,8 @@ TICK, LOOK_AROUND = 0.05, 1.0
 """How often the memory of the class's process is looked at, and that of those that it started, in [s]."""
 MOST_PROCESSES = 64
 """That a class may start."""
+MOST_PRINTED = 100_000
+"""Of what a class prints, in bytes: what comes after that is thrown away."""
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # Of linux/prctl.h.
 
 
@@ -32,12 +33,17 @@ def main(channel: str, status: str, gigabytes: str) -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     alone = _alone()
     ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
+    heard, printed = os.pipe()
     guest = os.fork()
     if guest == 0:
-        os.close(int(status))
+        for number in (1, 2):
+            os.dup2(printed, number)
+        for end in (int(status), heard, printed):
+            os.close(end)
         _serve(int(channel), alone)
-    os.close(int(channel))
-    reason = _watch(guest, float(gigabytes))
+    for end in (int(channel), printed):
+        os.close(end)
+    reason = _watch(guest, float(gigabytes), heard)
     _end_all()
     with contextlib.suppress(OSError):  # Nobody reads it any more.
         said = reason.encode()
@@ -59,15 +65,23 @@ def _alone() -> bool:
     return False
 
 
-def _watch(guest: int, gigabytes: float) -> str:
-    """How the class's process ended, or why it has to."""
+def _watch(guest: int, gigabytes: float, heard: int) -> str:
+    """How the class's process ended, or why it has to; what it prints is passed on meanwhile, up to `MOST_PRINTED`."""
     import psutil
 
-    looked = 0.0
+    looked, left, ends = 0.0, MOST_PRINTED, [0, heard]
     while True:
-        if select.select([0], [], [], TICK)[0]:
-            return "it is not asked any more"
         ended, status = os.waitpid(guest, os.WNOHANG)
+        ready = select.select(ends, [], [], TICK)[0]
+        if 0 in ready:
+            return "it is not asked any more"
+        if heard in ready:
+            text = os.read(heard, 65536)
+            if not text:
+                ends.remove(heard)
+            with contextlib.suppress(OSError):  # Nobody reads it any more.
+                os.write(2, text[:left])
+            left = max(0, left - len(text))
         if ended:
             code = os.waitstatus_to_exitcode(status)
             return (
@@ -114,7 +128,6 @@ def _serve(channel: int, alone: bool) -> NoReturn:
     except (EOFError, ConnectionError):
         pass
     finally:
-        sys.stdout.flush()
         os._exit(0)
 
 
