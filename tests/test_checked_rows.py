@@ -29,7 +29,7 @@ def edited(folder, **values):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"score": 7.0}, "score of it is not from 0 to 1"),
+        ({"score": 7.0}, "score holds 7, and a score is from 0 to 1"),
         ({"score": float("nan")}, "score holds nothing in 1 rows"),
         ({"p2": False}, "p2 and a failure_cause, or neither"),
         ({"failure_cause": "dithering"}, "p2 and a failure_cause, or neither"),

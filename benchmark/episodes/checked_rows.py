@@ -80,10 +80,6 @@ def out_of_range(table: pd.DataFrame, task: "Task") -> dict[str, pd.Series]:
         .isin(task.causes)
         .reindex(table.index, fill_value=True),
         f"it has {task.success} and a failure_cause, or neither": table.failure_cause.isna() != succeeded,
-        "a score of it is not from 0 to 1": ~table[[score.name for score in task.scores]]
-        .astype(float)
-        .apply(lambda values: values.between(0, 1))
-        .all(axis=1),
     }
 
 

@@ -34,7 +34,7 @@ def read_present(path: Path, task: "Task", each_once: bool = True) -> pd.DataFra
     """The episodes of a task's present version, as `read_tables` gives them; how many others there are is printed.
 
     Raises:
-        SettingError: If a column is missing, or holds what the task's does not.
+        SettingError: If a column is missing, or holds what the task's does not, or a score is not from 0 to 1.
     """
     others, types = 0, column_types(task.outcome)
 
@@ -47,6 +47,10 @@ def read_present(path: Path, task: "Task", each_once: bool = True) -> pd.DataFra
         kept = rows.filter(pa.array((rows["episode_version"].to_pandas() == played).to_numpy()))
         others += len(rows) - len(kept)
         check_columns(path, kept, types)
+        for score in {each.name for each in task.scores} & {*kept.column_names}:
+            values = kept[score].to_numpy()
+            if len(strange := values[(values < 0) | (values > 1)]):
+                raise SettingError(f"{path}: {score} holds {strange[0]:g}, and a score is from 0 to 1.")
         return kept
 
     table = _read(lambda: parts_below(path), keep=present, each_once=each_once)
