@@ -50,4 +50,4 @@ def main(config: BuildMapsConfig) -> None:
 
 
 if __name__ == "__main__":
-    run_command(main, BuildMapsConfig, "build_maps")
+    run_command(main, BuildMapsConfig, "build_maps", goes_on=True)

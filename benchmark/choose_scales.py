@@ -23,4 +23,4 @@ def main(config: ChooseScalesConfig) -> None:
 
 
 if __name__ == "__main__":
-    run_command(main, ChooseScalesConfig, "choose_scales")
+    run_command(main, ChooseScalesConfig, "choose_scales", goes_on=True)

@@ -18,4 +18,4 @@ def main(config: CollectConfig) -> None:
 
 
 if __name__ == "__main__":
-    run_command(main, CollectConfig, "collect")
+    run_command(main, CollectConfig, "collect", goes_on=True)

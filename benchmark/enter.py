@@ -254,4 +254,4 @@ def check(config: EnterConfig, rollouts: "Sequence[Rollout]", console: "Console"
 
 
 if __name__ == "__main__":
-    run_command(main, EnterConfig, "enter")
+    run_command(main, EnterConfig, "enter", goes_on=True)

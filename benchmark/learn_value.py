@@ -90,4 +90,4 @@ def main(config: LearnValueConfig) -> None:
 
 
 if __name__ == "__main__":
-    run_command(main, LearnValueConfig, "learn_value")
+    run_command(main, LearnValueConfig, "learn_value", goes_on=True)

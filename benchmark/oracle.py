@@ -36,4 +36,4 @@ def main(config: OracleConfig) -> None:
 
 
 if __name__ == "__main__":
-    run_command(main, OracleConfig, "oracle")
+    run_command(main, OracleConfig, "oracle", goes_on=True)

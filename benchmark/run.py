@@ -56,4 +56,4 @@ def note_on_tuning(config: RunConfig) -> str:
 
 
 if __name__ == "__main__":
-    run_command(main, RunConfig, "run", run_job, end_sweep)
+    run_command(main, RunConfig, "run", run_job, end_sweep, goes_on=True)

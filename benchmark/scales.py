@@ -56,4 +56,4 @@ def main(config: ScalesConfig) -> None:
 
 
 if __name__ == "__main__":
-    run_command(main, ScalesConfig, "scales")
+    run_command(main, ScalesConfig, "scales", goes_on=True)

@@ -234,4 +234,4 @@ def markdown(table: "pd.DataFrame", config: SourcePoliciesConfig) -> str:
 
 
 if __name__ == "__main__":
-    run_command(main, SourcePoliciesConfig, "source_policies")
+    run_command(main, SourcePoliciesConfig, "source_policies", goes_on=True)

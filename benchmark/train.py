@@ -31,4 +31,4 @@ def main(config: TrainConfig) -> None:
 
 
 if __name__ == "__main__":
-    run_command(main, TrainConfig, "train")
+    run_command(main, TrainConfig, "train", goes_on=True)

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -61,12 +62,12 @@ class Outcome:
 def give(monkeypatch, capsys):
     """Run a command in this process, or its settings alone."""
 
-    def run_with(main, schema, name, *arguments):
+    def run_with(main, schema, name, *arguments, **about):
         with monkeypatch.context() as patch:
             patch.setattr(sys, "argv", ["command", *arguments])
             patch.setattr(command.signal, "signal", lambda *_: None)
             try:
-                command.run_command(main, schema, name)
+                command.run_command(main, schema, name, **about)
                 status = 0
             except SystemExit as end:
                 status = end.code
@@ -113,6 +114,19 @@ def test_nothing_heavy_is_imported_before():
     assert ended.returncode == 2 and len(errors) == 1
     assert "recipe=robust seed=7 checkpoint=1 is not there. Here: seed42-1" in errors[0]
     assert not {"torch", "lerobot", "mujoco", "robosuite"} & imported
+
+
+@pytest.mark.parametrize("goes_on", [True, False])
+@pytest.mark.parametrize(
+    "error, status", [(OSError(28, "No space left", "/x/a"), 1), (KeyboardInterrupt(), 130), (BrokenProcessPool(), 1)]
+)
+def test_only_a_command_that_stores_says_that_what_was_finished_is_stored(give, error, status, goes_on):
+    def fail(_):
+        raise error
+
+    ended = give(fail, ReplayConfig, "replay", goes_on=goes_on)
+    assert ended.status == status and len(ended.errors) == 1
+    assert ("What was finished is stored" in ended.errors[0]) == goes_on
 
 
 @pytest.mark.parametrize("text", TEXTS)

@@ -50,6 +50,7 @@ def run_command[Config](
     job: Callable[[DictConfig], None] | None = None,
     end_sweep: Callable[[], None] | None = None,
     positional: Sequence[str] = (),
+    goes_on: bool = False,
 ) -> None:
     """Read settings `key=value` from the command line into a `schema` and call `main` with it.
 
@@ -63,7 +64,9 @@ def run_command[Config](
         job: What it does with each combination of a sweep, if that is something else.
         end_sweep: What it does when a sweep is over.
         positional: Settings that may be given by their place, without their names.
+        goes_on: Whether it stores what it finishes, and goes on from there when it is called again.
     """
+    gone_on = [GONE_ON] * goes_on
     signal.signal(signal.SIGTERM, _terminate)
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises instead of printing.
     spec = sys.modules["__main__"].__spec__
@@ -98,17 +101,17 @@ def run_command[Config](
     except OmegaConfBaseException as error:
         _refuse(error)
     except BrokenProcessPool:
-        _end(1, f"error: A worker process was killed, perhaps for want of memory. {GONE_ON}")
+        _end(1, "error: A worker process was killed, perhaps for want of memory.", *gone_on)
     except OSError as error:
         if error.filename is None or error.strerror is None:
             raise
-        _end(1, f"error: {error.strerror}: {error.filename}. {GONE_ON}")
+        _end(1, f"error: {error.strerror}: {error.filename}.", *gone_on)
     except SystemError as error:  # Compiled code that a signal interrupts raises this.
         if not isinstance(error.__cause__, KeyboardInterrupt):
             raise
-        _end(130, f"Interrupted. {GONE_ON}")
+        _end(130, "Interrupted.", *gone_on)
     except KeyboardInterrupt as error:
-        _end(143 if isinstance(error, _Terminated) else 130, f"Interrupted. {GONE_ON}")
+        _end(143 if isinstance(error, _Terminated) else 130, "Interrupted.", *gone_on)
 
 
 def _run[Config](
@@ -165,6 +168,6 @@ def _refuse(error: Exception | str) -> NoReturn:
     _end(2, f"error: {' '.join(str(error).split())}")
 
 
-def _end(status: int, line: str) -> NoReturn:
-    print(line, file=sys.stderr)
+def _end(status: int, *sentences: str) -> NoReturn:
+    print(*sentences, file=sys.stderr)
     sys.exit(status)

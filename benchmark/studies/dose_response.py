@@ -213,4 +213,4 @@ def _key(config: DoseResponseConfig, arm: "PlacedArm") -> dict[str, str | int]:
 
 
 if __name__ == "__main__":
-    run_command(main, DoseResponseConfig, "studies.dose_response")
+    run_command(main, DoseResponseConfig, "studies.dose_response", goes_on=True)

@@ -191,4 +191,4 @@ intervals (Wilson), of the paired difference after Bonett & Price (2012). Made b
 
 
 if __name__ == "__main__":
-    run_command(main, LerobotAgreementConfig, "lerobot_agreement")
+    run_command(main, LerobotAgreementConfig, "lerobot_agreement", goes_on=True)

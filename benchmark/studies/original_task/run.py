@@ -264,4 +264,4 @@ def text(rows: "pd.DataFrame") -> str:
 
 
 if __name__ == "__main__":
-    run_command(main, OriginalTaskConfig, "original_task")
+    run_command(main, OriginalTaskConfig, "original_task", goes_on=True)
