@@ -116,7 +116,10 @@ def test_the_form_of_older_lerobot_is_read(write):
         (lerobots(("pusht", 0, "11"), seeds=[1, "2"]), "a seed is '2', not a whole number"),
         (lerobots(("pusht", 0, "11"), task_id="0"), "task_id='0'"),
         ({"per_episode": [{"success": "yes", "sum_reward": 0}]}, "a success is 'yes', not true or false"),
-        ({"per_episode": [{"success": True}]}, "a sum of rewards is None, not a number"),
+        ({"per_episode": [{"success": True}]}, "a sum of rewards is None, not a finite number"),
+        ('{"per_episode": [{"success": true, "sum_reward": NaN}]}', "a sum of rewards is nan, not a finite number"),
+        ({"per_episode": [{"success": True, "sum_reward": 10**400}]}, "a sum of rewards is 1000"),
+        (lerobots(("pusht", 0, "1"), seeds=[1 << 63]), "a seed is 9223372036854775808, not a whole number"),
         ('{"per_task": ' + "[" * 100_000, "cannot be read"),
     ],
 )

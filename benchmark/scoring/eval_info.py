@@ -6,6 +6,7 @@ Ours say the seeds and the environment as well, beside LeRobot's keys.
 
 import json
 import math
+import sys
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -100,7 +101,8 @@ def _check(condition: bool, wrong: str) -> None:
 
 
 def _seed(value: Any) -> int | None:
-    _check(value is None or type(value) is int, f"a seed is {value!r}, not a whole number")
+    fits = value is None or (type(value) is int and 0 <= value < 1 << 63)
+    _check(fits, f"a seed is {value!r:.40}, not a whole number >= 0 of 63 bits")
     return value
 
 
@@ -110,7 +112,8 @@ def _yes_or_no(value: Any) -> bool:
 
 
 def _number(value: Any) -> float:
-    _check(isinstance(value, int | float), f"a sum of rewards is {value!r}, not a number")
+    finite = isinstance(value, int | float) and abs(value) <= sys.float_info.max
+    _check(finite, f"a sum of rewards is {value!r:.40}, not a finite number")
     return float(value)
 
 
