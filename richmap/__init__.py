@@ -1,18 +1,33 @@
 """Reachability maps, their similarity, and the energy field made from it."""
 
+import atexit
 import hashlib
 import importlib
 import os
+import shutil
+from contextlib import suppress
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import Any
 
 import platformdirs
 
 # Numba keeps compiled loops by the file that they stand in, and would go on using ones into which the loops of another
-# file, changed since, were compiled. So each state of the package has a folder of its own.
+# file, changed since, were compiled. So each state of the package has a folder of its own. Numba wants to write to it
+# also where it only reads: where it may not, as in a home that is read-only, a copy goes with this process.
 _sources = b"".join(file.read_bytes() for file in sorted(Path(__file__).parent.rglob("*.py")))
 _folder = Path(platformdirs.user_cache_dir("richmap"), "numba", hashlib.sha256(_sources).hexdigest()[:16])
-os.environ.setdefault("NUMBA_CACHE_DIR", str(_folder))
+if "NUMBA_CACHE_DIR" not in os.environ:
+    with suppress(OSError):
+        _folder.mkdir(parents=True, exist_ok=True)
+    if not os.access(_folder, os.W_OK):
+        _copy = Path(mkdtemp(prefix="richmap-"))
+        atexit.register(shutil.rmtree, _copy, ignore_errors=True)
+        for _loop in _folder.glob("*/*"):
+            (_copy / _loop.parent.name).mkdir(exist_ok=True)
+            shutil.copyfile(_loop, _copy / _loop.parent.name / _loop.name)
+        _folder = _copy
+    os.environ["NUMBA_CACHE_DIR"] = str(_folder)
 
 # What a user needs, imported when it is asked for: the loops are compiled, and PyTorch is read, on the way.
 _FACE = {

@@ -1,6 +1,8 @@
 """The user's cache: what killed builds left in it goes."""
 
 import os
+import subprocess
+import sys
 import time
 
 import pytest
@@ -33,3 +35,11 @@ def test_what_killed_builds_left_is_cleared_after_a_week(cache):
     assert left == {"builds", "maps", "maps/whole.safetensors"} | {
         f"builds/{name}{file}" for name in ("new", "busy") for file in ("", "/rows")
     }
+
+
+def test_loops_are_compiled_elsewhere_where_the_cache_cannot_be_written_to(tmp_path):
+    own = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    env = own | {"XDG_CACHE_HOME": os.devnull, "TMPDIR": str(tmp_path)}
+    code = "import os, richmap; print(os.path.isdir(os.environ['NUMBA_CACHE_DIR']), os.environ['NUMBA_CACHE_DIR'])"
+    said = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True).stdout
+    assert said.startswith(f"True {tmp_path}/richmap-") and not [*tmp_path.iterdir()]
