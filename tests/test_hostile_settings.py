@@ -24,8 +24,8 @@ REFUSED = {
         "map.draw=1000000000", "map.turns=1073741824",
         "map.target=1000000000000", "map.seed=-1", "workers=10000", "batch_size=1000000", "episodes=1000000000",
         "lambda=1e300", "lambda=inf", "method=best_of_n_energy lambda=1e6", "lambda=1e6", "sampling_steps=1000000",
-        "hydra.run.dir=README.md/x", "-m lambda=0,1 hydra.sweep.dir=README.md/x", "wandb.folder=",
-        "wandb.folder=/proc/x", "energy.smoothing=nan",
+        "hydra.run.dir=README.md/x", "-m lambda=0,1 hydra.sweep.dir=README.md/x",
+        "wandb.mode=offline wandb.folder=", "wandb.mode=offline wandb.folder=/proc/x", "energy.smoothing=nan",
         "seed_start=4294967296", "seed=-1", "arm.base=[1,2]", "arm.base=[nan,0,0]",
     ],
     "build_maps": [

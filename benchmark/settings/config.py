@@ -68,7 +68,8 @@ class WandbConfig:
     def __post_init__(self) -> None:
         modes = ("online", "offline", "disabled")
         check_setting(self.mode in modes, "wandb.mode", self.mode, ", ".join(modes))
-        check_folder(self.folder, "wandb.folder")
+        if self.mode != "disabled":
+            check_folder(self.folder, "wandb.folder")
 
 
 @dataclass(unsafe_hash=True)
