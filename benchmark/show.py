@@ -85,9 +85,9 @@ def main(config: ShowConfig) -> None:
         ceilings = read_ceilings(Path(config.ceilings) if config.ceilings else ceilings_file(config.suite))
         show_suite(config.suite, conditions, suite_arms(conditions, task), episodes, ceilings, task)
         return
-    show_results(
-        episodes, task, Path(config.output_dir) if config.output_dir else path if path.is_dir() else path.parent
-    )
+    folder = Path(config.output_dir) if config.output_dir else path if path.is_dir() else path.parent
+    check_folder(str(folder))
+    show_results(episodes, task, folder)
 
 
 if __name__ == "__main__":

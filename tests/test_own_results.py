@@ -40,6 +40,14 @@ def test_a_folder_of_rows_is_shown_as_counted_by_hand(tmp_path, capsys):
         show.main(show.ShowConfig(table=str(tmp_path / "empty")))
 
 
+def test_curves_that_cannot_be_written_are_refused_before_anything_is_shown(tmp_path, monkeypatch, capsys):
+    store_episodes(tmp_path, episodes())
+    monkeypatch.setattr("benchmark.settings.paths.os.access", lambda *_: False)
+    with pytest.raises(SettingError, match=f"{tmp_path} cannot. Choose another: output_dir="):
+        show.main(show.ShowConfig(table=str(tmp_path)))
+    assert not capsys.readouterr().out
+
+
 def test_scales_within_an_octave_are_written_under_their_curve():
     tried = [dataclasses.replace(GUIDED, guidance_scale=scale) for scale in (0.6, 0.9)]
     rows = [episode(seed, p2=True, condition=condition) for condition in (CONDITION, *tried) for seed in (0, 1)]
