@@ -94,11 +94,12 @@ def checkpoint_folder(seed: int, rank: int = 1, recipe: str = USUAL, task: str =
         if (folder / "model.safetensors").exists():
             return Checkpoint.from_path(str(folder)).folder
     there = {folder.name for root in roots for folder in policies_in(root, recipe)}
+    none = "none (those that ship lie in the project's own folder: type the command there)"
     why = ": its rows are published, but of each seed only the best policy ships" if name in published(task) else ""
     command = "" if task == RunConfig.task else f"task={task} "
     raise SettingError(
         f"{command}recipe={recipe} seed={seed} checkpoint={rank} is not there{why}. Here: "
-        f"{', '.join(sorted(there)) or 'none'}. Train it (hours): python -m benchmark.source_policies {command}"
+        f"{', '.join(sorted(there)) or none}. Train it (hours): python -m benchmark.source_policies {command}"
         f"recipe={recipe} seeds=[{seed}], or name one of yours: policy=path/to/checkpoint."
     )
 
