@@ -187,6 +187,11 @@ def test_disabled_leaves_nothing_and_computes_nothing(evaluated, tmp_path, capfd
     with start_experiment(config.wandb, "seed42", "robust", "train", {}) as run:
         run.log({"train/loss": 0.5}, step=1)
         log_checkpoint(run, rollout.checkpoint)
+    with (
+        pytest.raises(KeyboardInterrupt),
+        start_experiment(config.wandb, "seed42", "robust", "train", {}),
+    ):
+        raise KeyboardInterrupt
     log_field(config, rollout, "a sweep")
     log_evaluation(config, rollout, None, "a sweep")
     assert [file.name for file in tmp_path.iterdir()] == ["field.safetensors"]

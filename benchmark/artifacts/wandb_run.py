@@ -20,9 +20,10 @@ PATIENCE = 30
 """How long W&B's server is waited for, at the start and at the end of a run, in [s]; one request a third of it."""
 
 
+@contextmanager
 def start_experiment(
     config: WandbConfig, name: str, group: str, kind: str, settings: Mapping[str, object]
-) -> "wandb.Run":
+) -> "Iterator[wandb.Run]":
     """A W&B run, to be used in a `with` statement; one that does nothing if the mode is disabled.
 
     Where the server cannot be reached, or knows no such user, what would go there is kept on disk. Nothing is asked.
@@ -34,6 +35,15 @@ def start_experiment(
         kind: Job type: train, validate, field, evaluation or curve.
         settings: What the run was made with, as plain values.
     """
+    run, status = _start(config, name, group, kind, settings), 1
+    try:
+        yield run
+        status = 0
+    finally:  # The run's own `with` would print the traceback of Ctrl-C.
+        run.finish(exit_code=status)
+
+
+def _start(config: WandbConfig, name: str, group: str, kind: str, settings: Mapping[str, object]) -> "wandb.Run":
     _make_room(Path(config.folder), config.mode)
     import wandb
 
