@@ -77,7 +77,8 @@ class SourcePoliciesConfig:
     @property
     def demonstrations(self) -> CollectConfig:
         """What they learn from."""
-        return replace(MADE_BY[self.recipe].demonstrations, task=self.task)
+        made = MADE_BY[self.recipe]
+        return replace(made.demonstrations, task=self.task, output_dir=made.folder)
 
     @property
     def folder(self) -> Path:

@@ -66,6 +66,15 @@ def test_two_processes_do_not_collect_into_one_folder(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_the_usual_folder_is_judged_when_it_is_used(tmp_path, monkeypatch):
+    """Importing and training on other data need nothing of it."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("benchmark.settings.paths.os.access", lambda *_: False)
+    config = CollectConfig()
+    with pytest.raises(SettingError, match="Choose another: output_dir="):
+        collect(config)
+
+
 def test_other_settings_need_another_folder(root, config):
     with pytest.raises(SettingError, match="made otherwise.*Delete the folder or choose another output_dir"):
         collect(CollectConfig(episodes=3, output_dir=config.output_dir))

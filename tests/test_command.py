@@ -129,6 +129,19 @@ def test_only_a_command_that_stores_says_that_what_was_finished_is_stored(give, 
     assert ("What was finished is stored" in ended.errors[0]) == goes_on
 
 
+def test_a_cache_that_cannot_be_written_to_is_said_how_to_replace(give, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", "/x")
+
+    def fail(file):
+        def main(_):
+            raise PermissionError(13, "Permission denied", file)
+
+        return give(main, ReplayConfig, "replay").errors
+
+    assert "XDG_CACHE_HOME=/some/folder" in fail("/x/huggingface")[0]
+    assert fail("/y") == ["error: Permission denied: /y."]
+
+
 @pytest.mark.parametrize("text", TEXTS)
 def test_a_text_is_taken_as_it_is(give, text):
     shown = []

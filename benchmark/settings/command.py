@@ -5,9 +5,11 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
 from typing import NoReturn
 
 import hydra
+import platformdirs
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException, MissingConfigException
 from hydra.types import RunMode
@@ -40,6 +42,7 @@ COMP_WORDBREAKS=${COMP_WORDBREAKS//=}
 complete -o nospace -o default -F _complete_benchmark python python3"""
 """For bash, in which Hydra's own completes scripts and installed commands, but not `python -m`."""
 
+OTHER_CACHE = "Choose another folder for the cache: XDG_CACHE_HOME=/some/folder before the command."
 GONE_ON = "What was finished is stored; the same command goes on from there."
 
 
@@ -105,7 +108,8 @@ def run_command[Config](
     except OSError as error:
         if error.filename is None or error.strerror is None:
             raise
-        _end(1, f"error: {error.strerror}: {error.filename}.", *gone_on)
+        in_cache = Path(str(error.filename)).is_relative_to(platformdirs.user_cache_path())
+        _end(1, f"error: {error.strerror}: {error.filename}.", *[OTHER_CACHE] * in_cache, *gone_on)
     except SystemError as error:  # Compiled code that a signal interrupts raises this.
         if not isinstance(error.__cause__, KeyboardInterrupt):
             raise

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from benchmark.artifacts.alone import alone
 from benchmark.settings.command import SettingError
+from benchmark.settings.paths import check_folder
 from benchmark.settings.task import chosen_task
 from benchmark.training.demonstration_recipe import CollectConfig
 
@@ -25,6 +26,7 @@ def collect(config: CollectConfig) -> Path:
     if root.exists():
         _check_demonstrations(root, config, version)
         return root
+    check_folder(str(root))
     with alone(root):
         if not root.exists():
             _collect(config, root, {"recipe": config.recipe, "episode_version": version})

@@ -43,7 +43,8 @@ class CollectConfig:
         for name, number in {"episodes": self.count, "workers": self.workers}.items():
             check_setting(number >= 1, name, number, "a whole number >= 1")
         check_scenes(self.seed_start, self.count)
-        check_folder(self.folder)
+        if self.output_dir is not None:
+            check_folder(self.output_dir)
         kinds = dict(self.demonstrator.kinds)
         for each in self.shares:
             kind, _, share = each.partition(":")

@@ -15,11 +15,11 @@ class Recipe:
     demonstrations: CollectConfig
     policy: Mapping[str, Any] = field(default_factory=dict)
     """Fields of `GuidedPushConfig` that differ from its defaults."""
+    folder: str | None = None
+    """Of the demonstrations; None for the usual one."""
 
 
-CLEAN = CollectConfig(
-    shares=["noise:0", "bursts:0", "wide:0", "crowded:0"], output_dir="demonstrations/block_push_clean"
-)
+CLEAN = CollectConfig(shares=["noise:0", "bursts:0", "wide:0", "crowded:0"])
 
 
 POLICIES: Mapping[str, Mapping[str, Any]] = {
@@ -29,6 +29,6 @@ POLICIES: Mapping[str, Mapping[str, Any]] = {
 
 MADE_BY = {
     USUAL: Recipe(CollectConfig()),
-    "clean": Recipe(CLEAN, {"displacement": 0.005, "n_obs_steps": 1}),
+    "clean": Recipe(CLEAN, {"displacement": 0.005, "n_obs_steps": 1}, "demonstrations/block_push_clean"),
 }
 """How the policies of each of `benchmark.settings.recipe.RECIPES` are made."""
