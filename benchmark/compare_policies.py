@@ -53,7 +53,8 @@ class ComparePoliciesConfig:
 
     def __post_init__(self) -> None:
         check_setting(0.0001 <= self.alpha <= 0.5, "alpha", self.alpha, "a number from 0.0001 to 0.5")
-        self.run("")
+        if not is_evaluation(Path(self.a)):  # Files are read, and nothing is stored.
+            self.run("")
 
     def run(self, policy: str) -> RunConfig:
         """Settings of a policy's rollouts."""

@@ -75,6 +75,11 @@ def test_the_usual_folder_is_judged_when_it_is_used(tmp_path, monkeypatch):
         collect(config)
 
 
+def test_what_is_there_need_not_be_writable(root, config, monkeypatch):
+    monkeypatch.setattr("benchmark.settings.paths.os.access", lambda *_: False)
+    assert collect(replace(config)) == root
+
+
 def test_other_settings_need_another_folder(root, config):
     with pytest.raises(SettingError, match="made otherwise.*Delete the folder or choose another output_dir"):
         collect(CollectConfig(episodes=3, output_dir=config.output_dir))

@@ -203,6 +203,7 @@ def test_the_two_are_given_by_their_place_or_by_name(write, monkeypatch, capsys)
     monkeypatch.setattr(command.signal, "signal", lambda *_: None)
     for arguments, status, said in (
         ([str(a), str(b)], 0, "10 pairs"),
+        ([str(a), str(b), "output_dir=/dev/null/x"], 0, "10 pairs"),
         ([str(a), f"b={b}", "stop_early=true"], 0, "Evidence"),
         ([str(a), str(b), "third"], 2, "'third' is not setting=value"),
         ([str(a), str(b), f"a={b}"], 2, "a is given twice"),

@@ -1,6 +1,7 @@
 """Which demonstrations a task's scripted expert gives: how many, and how they are disturbed."""
 
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 
 from benchmark.settings.command import check_setting
 from benchmark.settings.paths import check_folder
@@ -43,7 +44,7 @@ class CollectConfig:
         for name, number in {"episodes": self.count, "workers": self.workers}.items():
             check_setting(number >= 1, name, number, "a whole number >= 1")
         check_scenes(self.seed_start, self.count)
-        if self.output_dir is not None:
+        if self.output_dir is not None and not Path(self.output_dir, "meta", "collect.json").is_file():
             check_folder(self.output_dir)
         kinds = dict(self.demonstrator.kinds)
         for each in self.shares:
