@@ -43,6 +43,9 @@ class EpisodeModel(Protocol):
     steps: int
     """Control steps of an episode."""
 
+    def among(self, obstacles: Float[np.ndarray, "k 4"]) -> "EpisodeModel":
+        """The same among obstacles, as `policies.guidance.Guidance.meet` tells them."""
+
     def ideal(self) -> "EpisodeModel":
         """The same with a tool that goes where it is told, whatever arm holds it."""
 

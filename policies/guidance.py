@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import ClassVar, final
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -47,6 +48,11 @@ class Guidance(ABC):
 
     def reset(self, rows: Sequence[int] | None) -> None:  # noqa: B027 (a place that a method need not take)
         """New episodes begin in these rows of the batch; None for all. Whoever remembers something forgets it here."""
+
+    def meet(self, rows: Sequence[int], places: Float[np.ndarray, "rows k 4"]) -> None:  # noqa: B027 (likewise)
+        """Where the obstacles are in the rows whose episodes have just begun, if there are any: x, y, z of their
+        middles, in [m] in the world, and turns about the vertical, in [rad]. Which cuboids they are the task says in
+        its `workspace.CUBOIDS`. The policy does not see them."""
 
     def noise(self, batch: dict[str, Tensor], noise: Float[Tensor, "b ..."], sample: Sample) -> Tensor:
         """The noise that each row's chunk is sampled from, given what is seen, the noise that was drawn, and the policy

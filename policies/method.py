@@ -51,6 +51,8 @@ class Method:
     """Whether it needs the arm's own controller (`envs.task.Task.controller`)."""
     task: str | None = None
     """Name of the only task that it is for; None for any that its field is of."""
+    avoids: bool = False
+    """Whether it is told where obstacles are, if there are any, and keeps the arm off them."""
     also_needs: tuple[str, ...] = ()
     """What it has to be given besides its field and that model, such as `SIMULATOR`."""
 
@@ -64,7 +66,8 @@ class Method:
         """What it has to be given besides the policy."""
         model = ("a model of the task",) if self.imagines else ()
         controller = ("arm's description",) if self.follows else ()
-        return (*FIELD_NEEDS.get(self.field or "", ()), *controller, *self.also_needs, *model)
+        obstacles = ("places of obstacles",) if self.avoids else ()
+        return (*FIELD_NEEDS.get(self.field or "", ()), *controller, *self.also_needs, *model, *obstacles)
 
     def refusal(self, space: "TaskSpace") -> str:
         """Why it cannot act in a task, in words; empty if it can."""

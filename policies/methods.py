@@ -237,6 +237,7 @@ METHODS = {
             first=1.0,
             counts=True,
             imagines=True,
+            avoids=True,
             also_needs=("arm's description",),
         ),
         Method(
@@ -374,6 +375,7 @@ METHODS = {
             first=2.0,
             counts=True,
             imagines=True,
+            avoids=True,
         ),
     )
 }

@@ -41,6 +41,7 @@ class Plan:
 class Row:
     """An episode in a row of the batch."""
 
+    model: EpisodeModel
     joints: Float[np.ndarray, " dof"]
     """Where the arm is, in [rad]."""
     state: Float[np.ndarray, " state"]
@@ -78,7 +79,11 @@ class PlanChoice(Guidance):
 
     def reset(self, rows: Sequence[int] | None) -> None:
         for row in [*self._rows] if rows is None else rows:
-            self._rows[row] = Row(self.model.start(), np.empty(0))
+            self._rows[row] = Row(self.model, self.model.start(), np.empty(0))
+
+    def meet(self, rows: Sequence[int], places: Float[np.ndarray, "rows k 4"]) -> None:
+        for row, there in zip(rows, places, strict=True):
+            self._rows[row].model = self.model.among(there)
 
     def noise(self, batch: dict[str, Tensor], noise: Float[Tensor, "b *chunk"], sample: Sample) -> Tensor:
         noise = noise.clone()
@@ -119,7 +124,7 @@ class PlanChoice(Guidance):
         what else is played."""
         n, left = self.plans, self.model.steps - row.steps + 1
         shown = self.model.showings(n)
-        imagined = self.model.begin(*(np.tile(each, (n, 1)) for each in (row.joints, row.state, scene)))
+        imagined = row.model.begin(*(np.tile(each, (n, 1)) for each in (row.joints, row.state, scene)))
         draws, commanded = _drawn(noise, (n, left)), np.empty((n, left, self.commanded.stop - self.commanded.start))
         chosen, going = None, n
         for k in range(left):

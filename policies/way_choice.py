@@ -33,6 +33,7 @@ LEAST = 0.1
 class Row:
     """An episode in a row of the batch."""
 
+    model: EpisodeModel
     joints: Float[np.ndarray, " dof"]
     """Where the arm is, in [rad]."""
     state: Float[np.ndarray, " state"]
@@ -62,14 +63,16 @@ class WayChoice(Guidance):
         self._rows: dict[int, Row] = {}
 
     @abstractmethod
-    def merits(
-        self, joints: Float[np.ndarray, " dof"], scene: Float[np.ndarray, " rest"], ways: Sequence[Way]
-    ) -> Float[np.ndarray, " k"]:
+    def merits(self, row: Row, scene: Float[np.ndarray, " rest"], ways: Sequence[Way]) -> Float[np.ndarray, " k"]:
         """Of each way from where the arm is, from 0 on."""
 
     def reset(self, rows: Sequence[int] | None) -> None:
         for row in [*self._rows] if rows is None else rows:
-            self._rows[row] = Row(self.model.start(), np.empty(0), np.empty(0), np.empty(0, dtype=bool))
+            self._rows[row] = Row(self.model, self.model.start(), np.empty(0), np.empty(0), np.empty(0, dtype=bool))
+
+    def meet(self, rows: Sequence[int], places: Float[np.ndarray, "rows k 4"]) -> None:
+        for row, there in zip(rows, places, strict=True):
+            self._rows[row].model = self.model.among(there)
 
     def imagine(self, environment: Float[Tensor, "b t rest"], state: Float[Tensor, "b state"]) -> Tensor:
         seen = environment.clone()
@@ -100,7 +103,7 @@ class WayChoice(Guidance):
         if not ways:
             return np.zeros(len(scene), dtype=bool)
         tired = [TIRED ** sum(row.stays[goal] for goal in way.goals) for way in ways]
-        merits = np.maximum(self.merits(row.joints, scene, ways), LEAST) * tired
+        merits = np.maximum(self.merits(row, scene, ways), LEAST) * tired
         if merits.min() == merits.max():
             return np.zeros(len(scene), dtype=bool)
         good = np.flatnonzero(merits >= WORSE * merits.max())
@@ -116,10 +119,8 @@ class WayOnArm(WayChoice):
         super().__init__(model, measured)
         self.tries = tries
 
-    def merits(
-        self, joints: Float[np.ndarray, " dof"], scene: Float[np.ndarray, " rest"], ways: Sequence[Way]
-    ) -> Float[np.ndarray, " k"]:
-        return np.array([self.model.share(joints, scene, way, self.tries) for way in ways])
+    def merits(self, row: Row, scene: Float[np.ndarray, " rest"], ways: Sequence[Way]) -> Float[np.ndarray, " k"]:
+        return np.array([row.model.share(row.joints, scene, way, self.tries) for way in ways])
 
 
 @final
@@ -130,9 +131,7 @@ class WayByMap(WayChoice):
         super().__init__(model, measured)
         self.cost, self.ahead, self.enough = cost, ahead, enough
 
-    def merits(
-        self, joints: Float[np.ndarray, " dof"], scene: Float[np.ndarray, " rest"], ways: Sequence[Way]
-    ) -> Float[np.ndarray, " k"]:
+    def merits(self, row: Row, scene: Float[np.ndarray, " rest"], ways: Sequence[Way]) -> Float[np.ndarray, " k"]:
         flanges = [(way.positions - self.ahead * way.directions, way.directions) for way in ways]
         worst = [self.cost.value_and_gradients(*flange).value.max() for flange in flanges]
         return np.clip(1 - np.array(worst), 0, self.enough)
@@ -142,9 +141,7 @@ class WayByMap(WayChoice):
 class WayOfAny(WayChoice):
     """A control, which knows nothing of the arm: the way that is named first."""
 
-    def merits(
-        self, joints: Float[np.ndarray, " dof"], scene: Float[np.ndarray, " rest"], ways: Sequence[Way]
-    ) -> Float[np.ndarray, " k"]:
+    def merits(self, row: Row, scene: Float[np.ndarray, " rest"], ways: Sequence[Way]) -> Float[np.ndarray, " k"]:
         return np.eye(1, len(ways))[0]
 
 

@@ -10,7 +10,7 @@ from envs.block_push.task import BLOCK_PUSH
 CONDITION = Condition(
     task="block_push", robot="ur3", setting="embodied", robot_fingerprint="f00d", base_x=0.0, base_y=0.0, base_z=0.0,
     base_yaw=0.0, posture=(-0.2, -1.2, 1.8, -2.2, -1.57, 0.4), self_collision=True, joint_limits=True,
-    orientation_weight=1.0, narrowed=(), tool_length=0.04, delay=0.0, method="direct",
+    orientation_weight=1.0, narrowed=(), tool_length=0.04, delay=0.0, obstacles=0, method="direct",
     guidance_scale=0.0, sampler="DDIM", sampling_steps=10, training_seed=42,
     checkpoint="seed42-1", checkpoint_hash="abc", field_fingerprint="", cell_size=float("nan"), batch_size=10,
     device="cpu", commit="c1c1c1c", episode_version=BLOCK_PUSH.episode_version("embodied"),

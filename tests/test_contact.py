@@ -17,7 +17,7 @@ from envs.block_push.scene import draw_scene
 pytestmark = pytest.mark.system
 
 STEP = 0.002
-ITSELF = Touching(True, False)
+ITSELF = Touching(True, False, False)
 FOLDS = {"branch": "wrist_out"}
 """A UR10 that touches itself near its base."""
 BASE = np.array([0.25, 0.0])

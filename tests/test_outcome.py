@@ -36,6 +36,7 @@ def episode(length=350, **changes):
         "joint_limit_margin": 1.0,
         "self_contact": False,
         "table_contact": False,
+        "obstacle_contact": False,
         "stopped": False,
         "tool_tilt": 0.0,
         "block_positions": np.array([[0.35, -0.1, 0.02], [0.47, -0.1, 0.02]]),
@@ -70,6 +71,7 @@ CASES = {
     "joint_limit": away(0.4, 0.0, (0.03, 0.0)) | {"joint_limit_margin": 0.001},
     "self_collision": away(0.25, 0.0, (-0.03, 0.0)) | {"self_contact": True, "ik_residual": 0.0},
     "table_collision": away(0.4, 0.0, (0.03, 0.0)) | {"table_contact": True, "ik_residual": 0.0},
+    "obstacle_collision": away(0.4, 0.0, (0.03, 0.0)) | {"obstacle_contact": True, "ik_residual": 0.0},
     "arm_blocked": away(0.4, 0.0, (0.03, 0.0)) | {"ik_residual": 0.0},
     "tool_tilt": {"tool_tilt": 0.3},
     "block_out_of_workspace": {"block_positions": np.array([[0.35, -0.1, 0.02], [0.10, -0.1, 0.02]])},
@@ -117,10 +119,10 @@ def test_the_first_of_two_faults_is_the_cause():
 
 def test_a_stopped_arm_failed_by_what_it_touched_whatever_was_before():
     end = 200
-    for touched, cause in (("self_contact", "self_collision"), ("table_contact", "table_collision")):
-        stop = {key: lambda step: step == end for key in ("stopped", touched)}
+    for touched in ("self", "table", "obstacle"):
+        stop = {key: lambda step: step == end for key in ("stopped", f"{touched}_contact")}
         outcome = summarize(episode(end, **CASES["outer_reach"] | stop))
-        assert outcome.failure_cause == cause and outcome.arm_at_end == "contact"
+        assert outcome.failure_cause == f"{touched}_collision" and outcome.arm_at_end == "contact"
 
 
 def test_half_a_second_lost_within_one_counts_and_less_is_nobodys_fault():
@@ -238,7 +240,7 @@ def test_causes_are_told_in_the_simulation(cause):
 
 
 def test_the_other_causes_in_the_simulation_have_a_test_of_their_own():
-    assert set(CAUSES) - set(SIMULATED) == {"time_out", "block_tipped", "arm_blocked"}
+    assert set(CAUSES) - set(SIMULATED) == {"time_out", "block_tipped", "arm_blocked", "obstacle_collision"}
 
 
 def test_an_arm_that_is_held_by_something_else_is_blocked():

@@ -20,14 +20,14 @@ BASE = ["base_x", "base_y", "base_z"]
 
 ARM = [
     "setting", "robot", "robot_fingerprint", *BASE, "base_yaw", "posture", "self_collision", "joint_limits",
-    "orientation_weight", "narrowed", "tool_length", "delay",
+    "orientation_weight", "narrowed", "tool_length", "delay", "obstacles",
 ]  # fmt: skip
 """Columns that tell an arm in tables of episodes."""
 
 TUPLES = ("posture", "narrowed")
 """Those that hold several numbers."""
 
-SINCE = {"narrowed": (), "tool_length": 0.04, "delay": 0.0}
+SINCE = {"narrowed": (), "tool_length": 0.04, "delay": 0.0, "obstacles": 0}
 """Columns that rows of before lack, and what the arms of all of them had."""
 
 
@@ -83,6 +83,7 @@ def arm_columns(arm: "PlacedArm") -> dict[str, Any]:
         "narrowed": arm.narrowed,
         "tool_length": arm.tool_length,
         "delay": arm.delay,
+        "obstacles": arm.obstacles,
     }
 
 
@@ -115,6 +116,7 @@ def choices_of(row: Mapping[str, Any]) -> dict[str, Any]:
         "narrowed": [*map(float, since["narrowed"])],
         "tool_length": float(since["tool_length"]),
         "delay": float(since["delay"]),
+        "obstacles": int(since["obstacles"]),
     }
 
 
@@ -165,6 +167,7 @@ def changes(row: Mapping[str, Any], setting: str) -> list[str]:
         **{f"joint {int(n)} from {low:g} to {high:g} rad": True for n, low, high in batched(row["narrowed"], 3)},
         f"tool {row['tool_length']:g} m": row["tool_length"] != SINCE["tool_length"],
         f"commands {row['delay']:g} s late": row["delay"] != SINCE["delay"],
+        f"{row['obstacles']} obstacles": row["obstacles"] != SINCE["obstacles"],
     }
     return [text for text, differs in texts.items() if differs]
 

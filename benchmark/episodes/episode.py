@@ -55,6 +55,8 @@ class Condition:
     """From the flange down, in [m]."""
     delay: float
     """How late commands come to the arm, in [s]."""
+    obstacles: int
+    """Cuboids that stand around."""
     method: str
     """Guidance: direct (none), paper (the energy's slope at the flange), or another of `policies.methods.METHODS`."""
     guidance_scale: float

@@ -195,7 +195,10 @@ def to_frame(tables: Sequence[pa.Table]) -> pd.DataFrame:
         raise SettingError(f"A part of the table is damaged, or has other columns than the others: {text}") from error
     if "posture" in frame:  # A table of episodes, perhaps of before there were all columns.
         for name, usual in SINCE.items():
-            frame[name] = [usual] * len(frame) if name not in frame else frame[name]
+            if name not in frame:
+                frame[name] = [usual] * len(frame)
+            elif name not in TUPLES and frame[name].isna().any():
+                frame[name] = frame[name].fillna(usual).astype(type(usual))
     for name in TUPLES:
         if name in frame:
             frame[name] = [x if isinstance(x, tuple) else () if x is None else tuple(x) for x in frame[name]]

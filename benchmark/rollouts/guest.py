@@ -66,6 +66,11 @@ class GuestGuidance(Guidance):
         if "reset" in self._takes:
             self._process.ask(self._where, self._number, "reset", None if rows is None else [*map(int, rows)])
 
+    def meet(self, rows: "Sequence[int]", places: "np.ndarray") -> None:
+        """See `Guidance`."""
+        if "meet" in self._takes:
+            self._process.ask(self._where, self._number, "meet", [*map(int, rows)], np.array(places))
+
     def imagine(self, environment: "Tensor", state: "Tensor") -> "Tensor":
         """See `Guidance`."""
         return self._ask("imagine", tuple(environment.shape), environment, state)

@@ -172,8 +172,8 @@ def _answer_all(channel: int, alone: bool) -> NoReturn:
 def _answer(guidance: Any, name: str, arguments: tuple) -> bytes:
     import torch
 
-    if name == "reset":
-        guidance.reset(*arguments)
+    if name in ("reset", "meet"):
+        getattr(guidance, name)(*arguments)
         return b"n"
     with torch.inference_mode():
         given = [torch.from_numpy(array) for array in arguments]

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import Any
 
+    import numpy as np
     from torch import Tensor
 
     from policies.guidance import Guidance
@@ -71,7 +72,7 @@ class GuidanceClass(Stranger):
         except BaseException as error:
             raise SettingError(f"{self.file}: {self.name}(field, scale, base, seed) {_raised(error)}") from error
         checked = _checked(theirs, f"{self.file}: {self.name}", width)
-        takes = [name for name in PLACES if getattr(type(theirs), name) is not getattr(Guidance, name)]
+        takes = [name for name in (*TOLD, *PLACES) if getattr(type(theirs), name) is not getattr(Guidance, name)]
         return checked, {"samples": theirs.samples, "looks_ahead": bool(theirs.looks_ahead), "takes": takes}
 
     def load_class(self) -> type:
@@ -96,8 +97,10 @@ class GuidanceClass(Stranger):
         return found
 
 
-PLACES = ("reset", "imagine", "push", "descent", "choose", "correct")
-"""Where a class can act."""
+TOLD = ("reset", "meet")
+"""What a class is told."""
+PLACES = ("imagine", "push", "descent", "choose", "correct")
+"""Where it can act."""
 
 
 def _raised(error: BaseException) -> str:
@@ -134,7 +137,7 @@ def _checked(theirs: "Guidance", where: str, width: int) -> "Guidance":
     if type(theirs).noise is not Guidance.noise:
         raise SettingError(
             f"{where}.noise would never be asked: the process that runs a class of a file has no policy at hand. "
-            f"Places to act: {', '.join(PLACES[1:])}."
+            f"Places to act: {', '.join(PLACES)}."
         )
 
     def ask(name: str, shape: tuple[int, ...], *given: "Tensor", or_none: bool = False) -> "Tensor | None":
@@ -153,6 +156,12 @@ def _checked(theirs: "Guidance", where: str, width: int) -> "Guidance":
             )
         return answer.to(given[0])
 
+    def tell(name: str, *given: object) -> None:
+        try:
+            getattr(theirs, name)(*given)
+        except BaseException as error:  # Likewise.
+            raise SettingError(f"{where}.{name} {_raised(error)}") from error
+
     class Checked(Guidance):
         samples, looks_ahead = theirs.samples, theirs.looks_ahead
 
@@ -160,10 +169,10 @@ def _checked(theirs: "Guidance", where: str, width: int) -> "Guidance":
             pass
 
         def reset(self, rows: "Sequence[int] | None") -> None:
-            try:
-                theirs.reset(rows)
-            except BaseException as error:
-                raise SettingError(f"{where}.reset {_raised(error)}") from error
+            tell("reset", rows)
+
+        def meet(self, rows: "Sequence[int]", places: "np.ndarray") -> None:
+            tell("meet", rows, places)
 
         def imagine(self, environment: "Tensor", state: "Tensor") -> "Tensor":
             return ask("imagine", tuple(environment.shape), environment, state)

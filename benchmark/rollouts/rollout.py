@@ -98,6 +98,8 @@ def _play(rollout: Rollout, seeds: Sequence[int], watch: Callable[[gymnasium.Env
     torch.set_num_threads(1)  # Two threads round otherwise.
     shape = rollout.condition.batch_size
     seed_of = {seed % shape: seed for seed in seeds}
+    from benchmark.rollouts.stock_policy import StockPolicy
+
     policy = load_policy(rollout)
     policy.reset(sorted(seed_of))
     environments = {slot: _environment(rollout, slot, watch is not None) for slot in seed_of}
@@ -114,6 +116,9 @@ def _play(rollout: Rollout, seeds: Sequence[int], watch: Callable[[gymnasium.Env
 
     for slot, seed in seed_of.items():
         take(slot, *environments[slot].reset(seed=seed))
+    if rollout.arm.obstacles and not isinstance(policy, StockPolicy):
+        rows = sorted(seed_of)
+        policy.guidance.meet(rows, np.stack([infos[row][0]["obstacles"] for row in rows]))
     active, step = sorted(seed_of), 0
     while active:
         seen = {name: torch.tensor(value, device=rollout.condition.device) for name, value in batch.items()}

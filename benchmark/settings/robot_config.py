@@ -113,6 +113,8 @@ class ArmConfig:
     """Of the tool, from the flange down, in m, from 0.02 to 0.3; its end is always held at the same height."""
     delay: float = 0.0
     """How late commands come to the arm, in s, from 0 to 1; a whole number of control steps of 0.1 s."""
+    obstacles: int = 0
+    """Cuboids on and over the table that the arm is not to touch, from 0 to 8; the scene's seed says where."""
 
     def __post_init__(self) -> None:
         base, weight = self.base, self.orientation_weight

@@ -1,7 +1,8 @@
-"""Contact of an arm with itself and the table, noticed on every physics step, and the stop that it ends in.
+"""Contact of an arm with itself, the table and obstacles, noticed on every physics step, and the stop it ends in.
 
 MuJoCo's contact sensors look at each physics step's contacts. Counted are links with each other, the tool with links,
-and links with the table or a fixture; not the tool with the table, and nothing with what is moved.
+links with the table or a fixture, and links and tool with obstacles; not the tool with the table, and nothing with what
+is moved.
 """
 
 import xml.etree.ElementTree as ET
@@ -27,9 +28,11 @@ class Touching(NamedTuple):
     """Two links, or the tool and a link."""
     table: bool
     """A link and the table, or what is fixed to it."""
+    obstacle: bool
+    """A link or the tool, and an obstacle."""
 
 
-NOTHING = Touching(False, False)
+NOTHING = Touching(False, False, False)
 
 
 class ContactSensors:
@@ -40,12 +43,17 @@ class ContactSensors:
         tool: Name of the tool's geom that collides, one of the arm's.
         fixtures: Names of the geoms of the table and of what is fixed to it.
         bodies: Names of bodies that are fixtures with all that they carry.
+        obstacles: Names of bodies that the tool is not to touch either.
     """
 
-    def __init__(self, arm: str, tool: str, fixtures: Sequence[str], bodies: Sequence[str] = ()) -> None:
+    def __init__(
+        self, arm: str, tool: str, fixtures: Sequence[str], bodies: Sequence[str] = (), obstacles: Sequence[str] = ()
+    ) -> None:
         whole, only_tool = {"subtree1": arm}, {"geom1": tool}
         others = [*({"geom2": name} for name in fixtures), *({"subtree2": name} for name in bodies)]
-        pairs = [whole | {"subtree2": arm}, *(part | other for other in others for part in (whole, only_tool))]
+        pairs = [whole | {"subtree2": arm}, *(whole | {"subtree2": name} for name in obstacles)]
+        pairs += [part | other for other in others for part in (whole, only_tool)]
+        self._obstacles = len(obstacles)
         self._sensors = [{"name": f"contact{i}", "num": "1", "data": "found"} | pair for i, pair in enumerate(pairs)]
         self._counts, self._none = np.zeros(0), b""
 
@@ -67,9 +75,10 @@ class ContactSensors:
         """What the arm touched in the last physics step."""
         if self._counts.tobytes() == self._none:
             return NOTHING
-        itself, *at_fixtures = self._counts.tolist()
+        itself, *others = self._counts.tolist()
+        at_obstacles, at_fixtures = others[: self._obstacles], others[self._obstacles :]
         table = any(arm > tool for arm, tool in zip(at_fixtures[::2], at_fixtures[1::2], strict=True))
-        return Touching(itself > 0, table)
+        return Touching(itself > 0, table, any(at_obstacles))
 
 
 class ContactTime:
@@ -100,7 +109,7 @@ class ContactTime:
         """Take in a physics step; gives whether the arm is stopped."""
         self._steps += 1
         if now is not NOTHING and any(now):
-            self.touched = Touching(self.touched.itself or now.itself, self.touched.table or now.table)
+            self.touched = Touching(*map(any, zip(self.touched, now, strict=True)))
             self._in_contact.append(self._steps)
             while self._in_contact[0] <= self._steps - round(CONTACT_WINDOW / self._timestep):
                 self._in_contact.popleft()

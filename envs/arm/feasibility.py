@@ -39,6 +39,8 @@ class Feasibility(IntEnum):
     """The arm reaches it in another of the branches that were looked at only."""
     SELF_COLLISION = 4
     """Two links would meet, triangle against triangle (`richmap.motion.collision`); the tool is not looked at."""
+    OBSTACLE = 5
+    """A link or the tool would meet an obstacle of the scene."""
 
 
 @dataclass(frozen=True)

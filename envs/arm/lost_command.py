@@ -6,12 +6,20 @@ from jaxtyping import Bool, Int
 ARM_CAUSES = (
     "self_collision",
     "table_collision",
+    "obstacle_collision",
     "joint_limit",
     "outer_reach",
     "near_base_fold",
     "ik_branch",
     "arm_blocked",
 )
+
+COLLISIONS = {
+    "self_collision": "self_contact",
+    "table_collision": "table_contact",
+    "obstacle_collision": "obstacle_contact",
+}
+"""Causes that are contacts, and what records them."""
 
 LOST = 0.01
 """Command and flange are farther apart than this, in [m], when an arm cannot follow; in ordinary motion they
@@ -36,7 +44,7 @@ def cause_of_stop(record: dict[str, np.ndarray]) -> str | None:
     """What an arm touched that was stopped for it as the record ends; None if it was not."""
     if not record["stopped"][-1]:
         return None
-    return "self_collision" if record["self_contact"][-1] else "table_collision"
+    return next((cause for cause, name in COLLISIONS.items() if record[name][-1]), "table_collision")
 
 
 def cause_of_loss(record: dict[str, np.ndarray], lost: Int[np.ndarray, " n"]) -> str:
@@ -45,12 +53,11 @@ def cause_of_loss(record: dict[str, np.ndarray], lost: Int[np.ndarray, " n"]) ->
     Inverse kinematics that misses its point, with a joint at a limit that binds: that limit. Else outer reach if the
     flange is short of the point, seen from the base, or the arm is stretched, which solutions stick to for a while; the
     fold if it is beyond its point, and a stuck branch if it is beside it. Where inverse kinematics does not miss it,
-    joints are not where they should be: links touch each other or the table, or something else holds the arm.
+    joints are not where they should be: links touch each other, the table or an obstacle, or something else holds the
+    arm.
     """
     if np.median(record["ik_residual"][lost]) < 0.5 * np.median(record["tracking_error"][lost]):
-        if record["self_contact"][lost].mean() > 0.5:
-            return "self_collision"
-        return "table_collision" if record["table_contact"][lost].mean() > 0.5 else "arm_blocked"
+        return next((cause for cause, name in COLLISIONS.items() if record[name][lost].mean() > 0.5), "arm_blocked")
     if at_limit(record)[lost].mean() > 0.5:
         return "joint_limit"
     moved = record["commanded"].shape[1]  # 2 where a task keeps its height
@@ -71,8 +78,8 @@ def _stretched(record: dict[str, np.ndarray], lost: Int[np.ndarray, " n"]) -> bo
 
 
 def in_contact(record: dict[str, np.ndarray]) -> Bool[np.ndarray, " t"]:
-    """In which steps links touch each other, the tool or the table."""
-    return record["self_contact"] | record["table_contact"]
+    """In which steps links touch each other, the tool or the table, or one of them an obstacle."""
+    return record["self_contact"] | record["table_contact"] | record["obstacle_contact"]
 
 
 def at_limit(record: dict[str, np.ndarray]) -> Bool[np.ndarray, " t"]:

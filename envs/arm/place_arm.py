@@ -19,6 +19,9 @@ from richmap.robots.robots import robot_file
 COMMON_BASE = (0.0, 0.0, 0.0)
 """Where arms stand, in [m] in the world: where the xArm6 of the original does."""
 
+MOST_OBSTACLES = 8
+"""Cuboids that may stand around an arm."""
+
 BINDS = {"original": False, "embodied": True, "best": True}
 """The settings, and whether joint limits and self-collision bind in them."""
 
@@ -36,6 +39,7 @@ def place_arm(
     narrowed: Sequence[float] = (),
     tool_length: float = TOOL_LENGTH,
     delay: float = 0.0,
+    obstacles: int = 0,
 ) -> PlacedArm:
     """An arm as it does a task in a setting, with single choices replaced where given.
 
@@ -53,11 +57,12 @@ def place_arm(
         narrowed: Joints whose limits are narrower: number from 1 on, least and greatest angle in [rad], of each.
         tool_length: From the flange down, in [m], from 0.02 to 0.3.
         delay: How late a command comes, in [s]: whole control steps, from 0 to 1.
+        obstacles: How many cuboids stand around, from 0 to 8.
 
     Raises:
         ValueError: If there is no such robot or setting, or the arm cannot do the task so.
     """
-    _check_numbers(base, yaw, orientation_weight, tool_length, delay)
+    _check_numbers(base, yaw, orientation_weight, tool_length, delay, obstacles)
     description, file = _description_and_file(robot)
     given = {
         "base": base, "yaw": yaw, "branch": branch or poses.branch, "self_collision": self_collision,
@@ -73,6 +78,7 @@ def place_arm(
         )
     _check_limited(description, narrowed, chosen["joint_limits"])
     chosen |= {"narrowed": tuple(map(float, narrowed)), "tool_length": float(tool_length), "delay": float(delay)}
+    chosen |= {"obstacles": int(obstacles)}
     branches = file.branches if file else {}
     name = chosen.pop("branch")
     if name != FOUND and name not in branches:
@@ -102,7 +108,12 @@ def arm_or_named(arm: PlacedArm | None, robot: str, poses: TaskPoses, choices: M
 
 
 def _check_numbers(
-    base: Sequence[float] | None, yaw: float | None, orientation_weight: float | None, tool_length: float, delay: float
+    base: Sequence[float] | None,
+    yaw: float | None,
+    orientation_weight: float | None,
+    tool_length: float,
+    delay: float,
+    obstacles: int,
 ) -> None:
     """Raise `ValueError` unless each of these can be."""
     if base is not None and len(base) != 3:
@@ -117,6 +128,8 @@ def _check_numbers(
         raise ValueError(f"tool_length must lie between 0.02 and 0.3 m. Got {tool_length}")
     if not (0 <= delay <= 1 and math.isclose(10 * delay, round(10 * delay), abs_tol=1e-9)):
         raise ValueError(f"delay must be tenths of a second from 0 to 1. Got {delay}")
+    if obstacles not in range(MOST_OBSTACLES + 1):
+        raise ValueError(f"obstacles must be a whole number from 0 to {MOST_OBSTACLES}. Got {obstacles}")
 
 
 def _in_posture(arm: PlacedArm, poses: TaskPoses, posture: Sequence[float] | None) -> PlacedArm:
@@ -127,7 +140,9 @@ def _in_posture(arm: PlacedArm, poses: TaskPoses, posture: Sequence[float] | Non
         raise ValueError(f"{arm.robot} has {len(arm.description.joints)} joints. Got a posture of {len(posture)}.")
     if arm.branch != FOUND:
         return arm
-    return _found(arm, poses) if posture is None else replace(arm, posture=rounded_posture(posture))
+    if posture is None:
+        posture = _found(replace(arm, obstacles=0), poses).posture
+    return replace(arm, posture=rounded_posture(posture))
 
 
 def _check_limited(robot: RobotDescription, narrowed: Sequence[float], binds: bool) -> None:

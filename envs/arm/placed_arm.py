@@ -65,6 +65,8 @@ class PlacedArm:
     much higher as the tool is longer: to kinematics the base stands as much lower (`kinematic_base`)."""
     delay: float = 0.0
     """How late a command comes to the arm, in [s]."""
+    obstacles: int = 0
+    """Cuboids on and over the table that it is not to touch (`envs.arm.obstacles`); where, the scene says."""
 
     @property
     def robot(self) -> str:
@@ -89,8 +91,9 @@ class PlacedArm:
         return hashlib.sha256(both.encode()).hexdigest()
 
     def numbers(self) -> dict[str, Any]:
-        """All of it as plain values, the description as its fingerprint: what caches are keyed by."""
-        told = {each.name: getattr(self, each.name) for each in fields(self)}
+        """All of the arm itself, without obstacles, as plain values, the description as its fingerprint: what caches
+        are keyed by."""
+        told = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "obstacles"}
         return told | {"description": self.robot_fingerprint}
 
     @property

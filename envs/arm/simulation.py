@@ -15,9 +15,11 @@ from robosuite.models.arenas import Arena
 from robosuite.models.tasks import ManipulationTask
 from robosuite.utils.binding_utils import MjSim
 
+from envs.arm import obstacles
 from envs.arm.collision_bounds import tighten_bounds
 from envs.arm.contact import ARM_BIT, SCENE_BIT, ContactSensors, ContactTime
 from envs.arm.control import CONTROL_FREQUENCY
+from envs.arm.cuboid import Cuboid, first_of
 from envs.arm.placed_arm import PlacedArm
 from envs.arm.robot_model import register_arm
 
@@ -58,6 +60,7 @@ class ArmSimulation(ManipulationEnv):
         visual: Whether the arm's meshes are loaded for rendering.
         tool_length: Of the rod that it holds, in [m].
         fixtures: Bodies that an arm's links are not to touch, besides the floor.
+        cuboids: Kinds of the obstacles around it.
     """
 
     def __init__(
@@ -67,8 +70,10 @@ class ArmSimulation(ManipulationEnv):
         visual: bool,
         tool_length: float,
         fixtures: Sequence[str] = (),
+        cuboids: Sequence[Cuboid] = (),
     ) -> None:
         self._arm, self._start, self._fixtures = arm, start, fixtures
+        self._obstacles = first_of(cuboids, arm.obstacles)
         super().__init__(
             robots=register_arm(arm.description, visual, tool_length),
             controller_configs=CONTROLLER,
@@ -108,6 +113,7 @@ class ArmSimulation(ManipulationEnv):
             robot.robot_model.set_base_ori(np.array([0.0, 0.0, self._arm.yaw]))
         self._set_contacts_and_limits(robot.robot_model.root)
         arena, objects = self._surroundings()
+        obstacles.add_to(arena.worldbody, self._obstacles)
         self.model = ManipulationTask(arena, [robot.robot_model], objects)
         option = self.model.root.find("option")
         for key, value in {
@@ -118,7 +124,9 @@ class ArmSimulation(ManipulationEnv):
         }.items():
             option.set(key, str(value))
         prefix, (tool,) = robot.robot_model.naming_prefix, robot.gripper["right"].contact_geoms
-        self._sensors = ContactSensors(f"{prefix}base", tool, ["floor"], self._fixtures)
+        self._sensors = ContactSensors(
+            f"{prefix}base", tool, ["floor"], self._fixtures, obstacles.names(len(self._obstacles))
+        )
         self._sensors.add_to(self.model.root)
         ET.SubElement(option, "flag", autoreset="disable")  # MuJoCo would start over in silence when it diverges.
 
@@ -145,6 +153,7 @@ class ArmSimulation(ManipulationEnv):
             model.jnt_range[[model.joint(name).id for name in names]] = np.stack(self._arm.joint_range, axis=1)
         self.flange = model.body(f"{prefix}right_hand").id
         self._sensors.find_in(model, self.mj_data)
+        self._obstacle_mocaps = [int(model.body(name).mocapid[0]) for name in obstacles.names(len(self._obstacles))]
         self._find_things(model)
         self._tune_servos()
 
@@ -164,12 +173,14 @@ class ArmSimulation(ManipulationEnv):
         model.actuator_biasprm[:, 1] = -inertia * SERVO_FREQUENCY**2
         model.actuator_biasprm[:, 2] = -2 * inertia * SERVO_FREQUENCY
 
-    def _begin(self, joints: Float[np.ndarray, " dof"]) -> mujoco.MjData:
-        """Reset, with the arm at these joint angles, in [rad]; gives the state, in which things are to be put."""
+    def _begin(self, joints: Float[np.ndarray, " dof"], places: obstacles.Places) -> mujoco.MjData:
+        """Reset, with the arm at these joint angles, in [rad], and the obstacles there; gives the state, in which
+        things are to be put."""
         self.robots[0].init_qpos = joints
         self.reset()
         data = self.mj_data
         data.act[:] = joints
+        obstacles.put(data, self._obstacle_mocaps, places)
         return data
 
     def step(

@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from envs import MAX_EPISODE_STEPS
 from envs.arm.environment import ArmEnv, Observation, given_scene
 from envs.arm.inverse_kinematics import Posture
 from envs.arm.placed_arm import start_posture
+from envs.block_push.obstacles import draw_obstacles
 from envs.block_push.scene import Scene, checked_scene, draw_scene
 from envs.block_push.success import both_placed, inside, rewards, score
 from envs.block_push.workspace import DESCRIPTION, HEIGHT, POSES, WORKSPACE
@@ -42,7 +44,8 @@ class BlockPushEnv(ArmEnv[BlockPushSimulation]):
 
     A real arm is protected, so in the settings `embodied` and `best` the command stays within 0.08 m of the flange, and
     an arm whose links touch each other, its tool or the table for 0.1 s within a second is stopped
-    (`envs.arm.contact`): the episode ends, and the step in which it does earns nothing. In `original` neither acts.
+    (`envs.arm.contact`): the episode ends, and the step in which it does earns nothing. In `original` neither acts. The
+    same goes for links and tool that touch one of the arm's obstacles (`PlacedArm.obstacles`), if it stands among some.
 
     State, 16 numbers, xy in [m] in the world, yaw in [rad] modulo pi: block x, y, yaw (0-2); block2 (3-5);
     effector measured x, y (6-7) and commanded x, y (8-9); target x, y, yaw (10-12); target2 (13-15). With
@@ -99,10 +102,13 @@ class BlockPushEnv(ArmEnv[BlockPushSimulation]):
             ValueError: If there is another option, or the scene cannot be placed.
         """
         scene = given_scene(options)
-        given = None if scene is None else checked_scene(scene)
+        given = None if scene is None else checked_scene(scene, self.arm.obstacles)
         super().reset(seed=seed)
         if given is None:
-            given = draw_scene(int(self.np_random.integers(2**31)) if seed is None else seed)
+            seed = int(self.np_random.integers(2**31)) if seed is None else seed
+            given = draw_scene(seed)
+            if self.arm.obstacles:
+                given = replace(given, obstacles=draw_obstacles(seed, self.arm.obstacles))
         scene = given
         self._scene = scene
         self._targets = np.stack([scene.target, scene.target2])
@@ -198,6 +204,8 @@ class BlockPushEnv(ArmEnv[BlockPushSimulation]):
             "joint_limit_margin": float(np.minimum(joints - self._lower, self._upper - joints).min()),
             "self_contact": self._contact.touched.itself,
             "table_contact": self._contact.touched.table,
+            "obstacle_contact": self._contact.touched.obstacle,
+            "obstacles": self._scene.obstacles.copy(),
             "stopped": self._contact.stopped,
             "tool_tilt": simulation.tool_tilt,
             "block_positions": blocks,

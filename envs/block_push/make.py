@@ -32,7 +32,7 @@ def make(
         visualization_width: Of the picture that `render` gives, in pixels; likewise the next.
         visualization_height: See there.
         choices: `setting`, `base`, `yaw`, `branch`, `self_collision`, `orientation_weight`, `narrowed`, `tool_length`,
-            `delay`, as `envs.arm.place_arm.place_arm` has them.
+            `delay`, `obstacles`, as `envs.arm.place_arm.place_arm` has them.
     """
     return BlockPushEnv(
         arm_or_named(arm, robot, POSES, choices),

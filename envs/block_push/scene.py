@@ -1,12 +1,13 @@
 """Where blocks, targets and effector are when an episode starts."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from envs.arm.cuboid import checked_places
 from envs.block_push.workspace import WORKSPACE
 from richmap.task_spaces.block_push import START
 
@@ -39,10 +40,12 @@ class Scene:
     """Which of its four plans the oracle follows (`envs.block_push.oracle.PLANS`)."""
     effector: Float[np.ndarray, "2"]
     """Where the effector starts, xy in [m]."""
+    obstacles: Float[np.ndarray, "n 4"] = field(default_factory=lambda: np.empty((0, 4)))
+    """Where the obstacles of the arm (`PlacedArm.obstacles`) are, as `envs.arm.obstacles.Places` has it."""
 
 
-def checked_scene(scene: Any) -> Scene:
-    """A scene of one's own, if it can be placed.
+def checked_scene(scene: Any, obstacles: int = 0) -> Scene:
+    """A scene of one's own, if it can be placed, with so many obstacles.
 
     Raises:
         ValueError: If it is no scene, or something of it is not where it can be.
@@ -65,7 +68,7 @@ def checked_scene(scene: Any) -> Scene:
         raise ValueError(f"The scene's effector lies within {low} and {high}, in m. Got {scene.effector!r}")
     if scene.mode not in range(MODES):
         raise ValueError(f"The scene's mode is a whole number from 0 to {MODES - 1}. Got {scene.mode!r}")
-    return replace(scene, **placed)
+    return replace(scene, obstacles=checked_places(scene.obstacles, obstacles), **placed)
 
 
 def draw_scene(seed: int) -> Scene:

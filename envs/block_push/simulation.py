@@ -11,6 +11,7 @@ from envs.arm.placed_arm import PlacedArm
 from envs.arm.simulation import ArmSimulation
 from envs.block_push.scene import Scene
 from envs.block_push.table import BLOCK_EDGE, Table, make_block
+from envs.block_push.workspace import CUBOIDS
 
 
 class BlockPushSimulation(ArmSimulation):
@@ -28,7 +29,7 @@ class BlockPushSimulation(ArmSimulation):
         start: Float[np.ndarray, " dof"],
         visual: bool = False,
     ) -> None:
-        super().__init__(arm, start, visual, arm.tool_length)
+        super().__init__(arm, start, visual, arm.tool_length, cuboids=CUBOIDS)
 
     def _surroundings(self) -> tuple[Arena, list[Any]]:
         self.blocks = [make_block("block"), make_block("block2")]
@@ -40,7 +41,7 @@ class BlockPushSimulation(ArmSimulation):
 
     def place(self, scene: Scene, joints: Float[np.ndarray, " dof"]) -> None:
         """Reset, and put arm, blocks and targets in place; joints in [rad]."""
-        data = self._begin(joints)
+        data = self._begin(joints, scene.obstacles)
         for address, (x, y, yaw) in zip(self._block_qpos, (scene.block, scene.block2), strict=True):
             turn = (np.cos(yaw / 2), 0, 0, np.sin(yaw / 2))
             data.qpos[address : address + 7] = (x, y, BLOCK_EDGE / 2, *turn)

@@ -42,9 +42,11 @@ def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
     """The expert that goes only where the arm can hold its tool; it takes seconds to find where."""
     from envs.arm.feasibility import table_feasibility
     from envs.block_push.aware_oracle import AwareOracle
+    from envs.block_push.obstacles import Among
 
     table = table_feasibility(arm, SPACING, WORKSPACE, HEIGHT)
-    return lambda info: _acting_on_dict(AwareOracle(table, info["mode"]))
+    among = Among(arm, table) if arm.obstacles else None
+    return lambda info: _acting_on_dict(AwareOracle(among.table(info["obstacles"]) if among else table, info["mode"]))
 
 
 def controller(arm: Any) -> Any:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from envs.arm.cuboid import Cuboid
 from envs.arm.task_poses import TaskPoses
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE, START
 
@@ -11,5 +12,7 @@ HEIGHT = BLOCK_PUSH_SPACE.steps.position[2]
 """Of the flange above the table, in [m]."""
 POSES = TaskPoses((*START, HEIGHT), (0.2, -0.43), (0.6, 0.28))
 """What is asked of an arm: the start, and from there wherever blocks and targets may be."""
+CUBOIDS = (Cuboid((0.02, 0.02, 0.06)), Cuboid((0.03, 0.03, 0.03), (0.15, 0.35)))
+"""Obstacles, the one and the other in turn."""
 DESCRIPTION = "Push each block into a target of its own."
 """The task in words, for policies that read them: the same in demonstrations and environments."""

@@ -1,6 +1,7 @@
 """Pressing buttons as a Gymnasium environment."""
 
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from jaxtyping import Float, UInt8
 
 from envs.arm.environment import ArmEnv, Observation, given_scene
 from envs.press_buttons.motion import counts, follow, keep_near, move
+from envs.press_buttons.obstacles import draw_obstacles
 from envs.press_buttons.scene import Scene, checked_scene, draw_scene
 from envs.press_buttons.twin import ToolKinematics
 from envs.press_buttons.workspace import DESCRIPTION, MAX_EPISODE_STEPS, MAX_STEP, MAX_TURN, TRAVEL
@@ -37,7 +39,7 @@ class PressButtonsEnv(ArmEnv[PressButtonsSimulation]):
 
     A real arm is protected, so in the settings `embodied` and `best` the command stays within 8 cm and 0.4 rad of the
     tool, and an arm whose links touch each other, the rod, the table or a button for 0.1 s within a second is stopped;
-    the rod may touch buttons and table. In `original` neither acts.
+    the rod may touch buttons and table, and nothing an obstacle (`PlacedArm.obstacles`). In `original` neither acts.
 
     State, 44 numbers: measured tip in [m] and approach direction (0-5), commanded ones (6-11), and of each button its
     place in [m], normal, whether it was pressed and whether it was pressed last (12-43). With
@@ -95,10 +97,13 @@ class PressButtonsEnv(ArmEnv[PressButtonsSimulation]):
             ValueError: If there is another option, or the scene cannot be placed.
         """
         scene = given_scene(options)
-        given = None if scene is None else checked_scene(scene)
+        given = None if scene is None else checked_scene(scene, self.arm.obstacles)
         super().reset(seed=seed)
         if given is None:
-            given = draw_scene(int(self.np_random.integers(2**31)) if seed is None else seed)
+            seed = int(self.np_random.integers(2**31)) if seed is None else seed
+            given = draw_scene(seed)
+            if self.arm.obstacles:
+                given = replace(given, obstacles=draw_obstacles(seed, self.arm.obstacles))
         self._scene: Scene = given
         self._joints = self._tool.start.copy()
         simulation = self._running
@@ -207,6 +212,8 @@ class PressButtonsEnv(ArmEnv[PressButtonsSimulation]):
             "joint_limit_margin": float(np.minimum(joints - self._lower, self._upper - joints).min()),
             "self_contact": self._contact.touched.itself,
             "table_contact": self._contact.touched.table,
+            "obstacle_contact": self._contact.touched.obstacle,
+            "obstacles": self._scene.obstacles.copy(),
             "stopped": self._contact.stopped,
             "pressed": self._pressed.copy(),
             "missed": self._missed.copy(),

@@ -15,7 +15,7 @@ def make(robot: str = "xarm6", arm: PlacedArm | None = None, **given: Any) -> Pr
         robot: Name of an arm that ships.
         arm: The arm itself instead.
         given: What `PressButtonsEnv` takes, and `setting`, `base`, `yaw`, `branch`, `self_collision`,
-            `orientation_weight`, `narrowed`, `delay`, as `envs.arm.place_arm.place_arm` has them.
+            `orientation_weight`, `narrowed`, `delay`, `obstacles`, as `envs.arm.place_arm.place_arm` has them.
     """
     seen = ("obs_type", "render_mode") + tuple(
         f"{kind}_{side}" for kind in ("observation", "visualization") for side in ("width", "height")

@@ -3,12 +3,14 @@
 No simulator: neither dynamics nor contact, but what an arm would touch on its way is known.
 """
 
+import copy
 from functools import cached_property
 from itertools import combinations, permutations
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from envs.arm.obstacles import Places
 from envs.arm.placed_arm import PlacedArm
 from envs.press_buttons.motion import advance_all, advance_ideal, follow
 from envs.press_buttons.scene import PAIRS, Scene
@@ -35,10 +37,18 @@ class PressModel:
 
     def __init__(self, arm: PlacedArm | None) -> None:
         self._arm = arm
+        self._obstacles: Places | None = None
 
     def ideal(self) -> "PressModel":
         """The same without an arm."""
         return PressModel(None)
+
+    def among(self, obstacles: Places) -> "PressModel":
+        """The same among obstacles that stand there."""
+        assert self._tool is None or self._twin is not None  # Made before it is copied.
+        model = copy.copy(self)
+        model._obstacles = obstacles
+        return model
 
     @cached_property
     def _tool(self) -> ToolKinematics | None:
@@ -75,7 +85,7 @@ class PressModel:
         environment: Float[np.ndarray, "n 32"],
     ) -> "ImaginedPresses":
         """Episodes that go on from what is seen, a row each."""
-        return ImaginedPresses(self._tool, self._twin, joints, state, environment)
+        return ImaginedPresses(self._tool, self._twin, joints, state, environment, self._obstacles)
 
     def showings(self, count: int) -> Bool[np.ndarray, "count 32"]:
         """What plans are shown as 1 though it is not: nothing in the first half, then of each pair in turn the other
@@ -116,7 +126,7 @@ class PressModel:
         for _ in range(tries):
             for order in orders:
                 path = self._twin.path(places, normals, *order, start=joints)
-                done += path is not None and not self._twin.touches(places, normals, path, may_touch)
+                done += path is not None and not self._twin.touches(places, normals, path, may_touch, self._obstacles)
             places = buttons[:, PLACE] + rng.normal(0, MOVED, places.shape)
             normals = buttons[:, NORMAL] + rng.normal(0, TURNED, normals.shape)
             normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -137,8 +147,9 @@ class ImaginedPresses:
         joints: Float[np.ndarray, "n dof"],
         state: Float[np.ndarray, "n 12"],
         environment: Float[np.ndarray, "n 32"],
+        obstacles: Places | None = None,
     ) -> None:
-        self._tool, self._twin = tool, twin
+        self._tool, self._twin, self._obstacles = tool, twin, obstacles
         self.state, self.environment = np.array(state, dtype=float), np.array(environment, dtype=float)
         buttons = self.environment.reshape(len(joints), BUTTONS, -1)
         self._places, self._normals = buttons[..., PLACE].copy(), buttons[..., NORMAL].copy()
@@ -211,11 +222,12 @@ class ImaginedPresses:
         many steps that is. The rod may touch any button, as in the environment."""
         way, end = self._way(row), None
         if self._twin is not None:
-            of_all = self._places[row], self._normals[row], way[:, 6:], tuple(range(BUTTONS))
+            of_all = self._places[row], self._normals[row], way[:, 6:], tuple(range(BUTTONS)), self._obstacles
             end = self._twin.first_touch(*of_all)
         end = len(way) - 1 if end is None else end
         return int(self._counts[end][row]), end
 
     def _is_free(self, twin: KinematicTwin, row: int) -> bool:
         pressed = tuple(np.flatnonzero(self._pressed[row]).tolist())
-        return not twin.touches(self._places[row], self._normals[row], self._way(row)[:, 6:], pressed)
+        way = self._way(row)[:, 6:]
+        return not twin.touches(self._places[row], self._normals[row], way, pressed, self._obstacles)

@@ -47,7 +47,7 @@ def aware_pair(arm: PlacedArm) -> Callable[[dict[str, Any]], tuple[int, int]]:
 
     def choose(info: dict[str, Any]) -> tuple[int, int]:
         places, normals, own = info["places"], info["normals"], info["pair"]
-        able = (pair for pair in (own, *PAIRS) if twin.can_press(places, normals, pair))
+        able = (pair for pair in (own, *PAIRS) if twin.can_press(places, normals, pair, info["obstacles"]))
         return next(able, own)
 
     return choose

@@ -1,6 +1,6 @@
 """Where the buttons are when an episode starts."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import permutations
 from typing import TYPE_CHECKING, Any
@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from envs.arm.cuboid import checked_places
 from envs.press_buttons.workspace import POSES, START
 from richmap.task_spaces.press_buttons import BUTTONS
 
 if TYPE_CHECKING:
+    from envs.arm.placed_arm import PlacedArm
     from envs.press_buttons.twin import KinematicTwin
 
 RADIUS, AZIMUTH, HEIGHT = (0.3, 0.6), np.radians(75), (0.1, 0.45)
@@ -44,6 +46,8 @@ class Scene:
     """Unit vectors out of these faces."""
     pair: tuple[int, int]
     """Which button the oracle presses first, and which then, from 0 on."""
+    obstacles: Float[np.ndarray, "n 4"] = field(default_factory=lambda: np.empty((0, 4)))
+    """Where the obstacles of the arm (`PlacedArm.obstacles`) are, as `envs.arm.obstacles.Places` has it."""
 
 
 @lru_cache(maxsize=4096)
@@ -99,8 +103,8 @@ def can_press_any(twin: "KinematicTwin", places: Float[np.ndarray, "4 3"], norma
     )
 
 
-def checked_scene(scene: Any) -> Scene:
-    """A scene of one's own, if it can be placed.
+def checked_scene(scene: Any, obstacles: int = 0) -> Scene:
+    """A scene of one's own, if it can be placed, with so many obstacles.
 
     Raises:
         ValueError: If it is no scene, or something of it is not where it can be.
@@ -121,13 +125,20 @@ def checked_scene(scene: Any) -> Scene:
         raise ValueError(f"The scene's normals are unit vectors. Got {scene.normals!r}")
     if scene.pair not in PAIRS:
         raise ValueError(f"The scene's pair is two different buttons from 0 to {BUTTONS - 1}. Got {scene.pair!r}")
-    return replace(scene, **placed)
+    return replace(scene, obstacles=checked_places(scene.obstacles, obstacles), **placed)
 
 
 @lru_cache
 def source_twin() -> "KinematicTwin":
     """The source's twin, once per process."""
-    from envs.arm.place_arm import place_arm
     from envs.press_buttons.twin import KinematicTwin
 
-    return KinematicTwin(place_arm(SOURCE, POSES))
+    return KinematicTwin(source())
+
+
+@lru_cache
+def source() -> "PlacedArm":
+    """The source, as it stands."""
+    from envs.arm.place_arm import place_arm
+
+    return place_arm(SOURCE, POSES)

@@ -11,7 +11,7 @@ from envs.arm.placed_arm import PlacedArm
 from envs.arm.simulation import ArmSimulation
 from envs.press_buttons.buttons import NAMES, WAITING, WAS_PRESSED, ButtonTable
 from envs.press_buttons.scene import Scene
-from envs.press_buttons.workspace import turn_to
+from envs.press_buttons.workspace import CUBOIDS, turn_to
 from richmap.task_spaces.press_buttons import ROD
 
 
@@ -25,7 +25,7 @@ class PressButtonsSimulation(ArmSimulation):
     """
 
     def __init__(self, arm: PlacedArm, start: Float[np.ndarray, " dof"], visual: bool = False) -> None:
-        super().__init__(arm, start, visual, ROD, fixtures=NAMES)
+        super().__init__(arm, start, visual, ROD, fixtures=NAMES, cuboids=CUBOIDS)
 
     def _surroundings(self) -> tuple[Arena, list[Any]]:
         return ButtonTable(), []
@@ -37,7 +37,7 @@ class PressButtonsSimulation(ArmSimulation):
 
     def place(self, scene: Scene, joints: Float[np.ndarray, " dof"]) -> None:
         """Reset, and put arm and buttons in place; joints in [rad]."""
-        data = self._begin(joints)
+        data = self._begin(joints, scene.obstacles)
         data.mocap_pos[self._mocaps] = scene.places
         data.mocap_quat[self._mocaps] = [turn_to(normal) for normal in scene.normals]
         mujoco.mj_forward(self.mj_model, data)

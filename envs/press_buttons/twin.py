@@ -8,18 +8,21 @@ from jaxtyping import Float
 
 from envs.arm.collision_bounds import tighten_bounds
 from envs.arm.contact import ARM_BIT, SCENE_BIT
+from envs.arm.cuboid import first_of
+from envs.arm.obstacles import AWAY, Places, put
 from envs.arm.placed_arm import PlacedArm, start_posture
 from envs.press_buttons.motion import play
 from envs.press_buttons.workspace import (
     CAP_HEIGHT,
     CAP_RADIUS,
+    CUBOIDS,
     HOUSING_HEIGHT,
     HOUSING_RADIUS,
     MAX_EPISODE_STEPS,
     POSES,
     turn_to,
 )
-from richmap.motion.kinematics import joint_frames
+from richmap.motion.kinematics import forward, joint_frames
 from richmap.physics.mujoco_model import arm_spec
 from richmap.task_spaces.press_buttons import BUTTONS, ROD
 
@@ -93,10 +96,11 @@ class KinematicTwin:
         normals: Float[np.ndarray, "4 3"],
         joints: Float[np.ndarray, "n dof"],
         pressed: tuple[int, ...],
+        obstacles: Places | None = None,
     ) -> bool:
         """Whether in one of these configurations a link touches another, the table or a button, or the rod a button
-        that is not to be pressed; links only where self-collision binds."""
-        return self.first_touch(places, normals, joints, pressed) is not None
+        that is not to be pressed, or either an obstacle; links only where self-collision binds."""
+        return self.first_touch(places, normals, joints, pressed, obstacles) is not None
 
     def first_touch(
         self,
@@ -104,10 +108,14 @@ class KinematicTwin:
         normals: Float[np.ndarray, "4 3"],
         joints: Float[np.ndarray, "n dof"],
         pressed: tuple[int, ...],
+        obstacles: Places | None = None,
     ) -> int | None:
-        """The number of the first of these configurations in which something touches so, from 0 on; None for none."""
+        """The number of the first of these configurations in which something touches so, from 0 on; None for none.
+        Obstacles that are not told are away."""
         model, data = self._model
-        data.mocap_pos[:], data.mocap_quat[:] = places, [turn_to(normal) for normal in normals]
+        data.mocap_pos[:BUTTONS], data.mocap_quat[:BUTTONS] = places, [turn_to(normal) for normal in normals]
+        away = np.tile([0.0, 0.0, AWAY, 0.0], (self._arm.obstacles, 1))
+        put(data, range(BUTTONS, model.nmocap), away if obstacles is None else obstacles)
         for number, q in enumerate(joints):
             data.qpos[:] = q
             mujoco.mj_kinematics(model, data)
@@ -117,11 +125,22 @@ class KinematicTwin:
         return None
 
     def can_press(
-        self, places: Float[np.ndarray, "4 3"], normals: Float[np.ndarray, "4 3"], pair: tuple[int, int]
+        self,
+        places: Float[np.ndarray, "4 3"],
+        normals: Float[np.ndarray, "4 3"],
+        pair: tuple[int, int],
+        obstacles: Places | None = None,
     ) -> bool:
         """Whether the arm presses this pair in this order without touching anything else."""
         joints = self.path(places, normals, *pair)
-        return joints is not None and not self.touches(places, normals, joints, pair)
+        return joints is not None and not self.touches(places, normals, joints, pair, obstacles)
+
+    def tips(self, joints: Float[np.ndarray, "n dof"]) -> Float[np.ndarray, "n 3"]:
+        """Where the tip of the rod is, in [m], with joint angles in [rad]."""
+        tips, turned = np.empty((len(joints), 3)), np.empty((3, 3))
+        for q, tip in zip(joints, tips, strict=True):
+            forward(self._tool.frames, q, tip, turned)
+        return tips
 
     def _is_wrong(self, touching: list[int], pressed: tuple[int, ...]) -> bool:
         """Whether two geoms are not to touch each other while these buttons are pressed."""
@@ -161,6 +180,8 @@ class KinematicTwin:
             }
             body.add_geom(name=f"button{i}_cap", type=cylinder, **cap, **around)
             body.add_geom(name=f"button{i}_housing", type=cylinder, **housing, **around)
+        for cuboid in first_of(CUBOIDS, self._arm.obstacles):
+            spec.worldbody.add_body(mocap=True).add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=cuboid.half, **around)
         model = spec.compile()
         tighten_bounds(model)
         return model, mujoco.MjData(model)

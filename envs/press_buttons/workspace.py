@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from envs.arm.cuboid import Cuboid
 from envs.arm.task_poses import FOUND, TaskPoses
 from richmap.task_spaces.press_buttons import ROD
 
@@ -19,6 +20,8 @@ POSES = TaskPoses(
     share_done="envs.press_buttons.posture:share_pressed",
 )
 """What is asked of an arm: its start, in the posture from which it can press most buttons."""
+CUBOIDS = (Cuboid((0.03, 0.03, 0.25)), Cuboid((0.06, 0.06, 0.06), (0.15, 0.6)))
+"""Obstacles, the one and the other in turn."""
 
 MAX_STEP, MAX_TURN = 0.03, 0.15
 """Longest step of the commanded tip in a control step, in [m], and largest turn of its direction, in [rad]."""

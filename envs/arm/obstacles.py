@@ -1,0 +1,132 @@
+"""Cuboids on and over the table that an arm is not to touch: what they are, and where a scene has them.
+
+They stand beside the way of the source's tool, and out of its arm's way: what another arm has there may meet them.
+"""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Sequence
+
+import mujoco
+import numpy as np
+from jaxtyping import Bool, Float
+
+from envs.arm.collision_bounds import tighten_bounds
+from envs.arm.contact import ARM_BIT, SCENE_BIT
+from envs.arm.cuboid import Cuboid
+from envs.arm.placed_arm import PlacedArm
+from richmap.physics.mujoco_model import arm_spec
+
+COLOUR = "0.95 0.65 0.15 1"
+BESIDE = (0.05, 0.15)
+"""As far beside a point of the tool's way its middle is drawn, in [m]."""
+AWAY = -10.0
+"""Height at which nothing is touched, in [m]."""
+TRIED = 4
+"""Places of each that are tried at once."""
+
+
+type Places = Float[np.ndarray, "cuboids 4"]
+"""Of cuboids: x, y, z of their middles, in [m] in the world, and their turns about the vertical, in [rad]."""
+
+
+def names(count: int) -> list[str]:
+    """Of the bodies of so many cuboids."""
+    return [f"obstacle{i}" for i in range(count)]
+
+
+def add_to(world: ET.Element, cuboids: Sequence[Cuboid]) -> None:
+    """Put them into a model's text, as bodies that can be put anywhere (mocap); arms and loose things collide."""
+    for name, cuboid in zip(names(len(cuboids)), cuboids, strict=True):
+        geom = {
+            "name": f"{name}_cuboid", "type": "box", "size": " ".join(map(str, cuboid.half)), "rgba": COLOUR,
+            "contype": "0", "conaffinity": str(ARM_BIT | SCENE_BIT), "group": "1",
+        }  # fmt: skip
+        ET.SubElement(ET.SubElement(world, "body", name=name, mocap="true"), "geom", geom)
+
+
+def put(data: mujoco.MjData, mocaps: Sequence[int], places: Places) -> None:
+    """Put mocap bodies there."""
+    half = places[:, 3] / 2
+    data.mocap_pos[mocaps] = places[:, :3]
+    data.mocap_quat[mocaps] = np.column_stack([np.cos(half), 0 * half, 0 * half, np.sin(half)])
+
+
+class Surroundings:
+    """Whether an arm and the rod that it holds come near to cuboids.
+
+    Args:
+        arm: The arm, as it stands.
+        cuboids: Which.
+        rod: Length of the rod, in [m].
+        near: What counts as near, in [m].
+    """
+
+    def __init__(self, arm: PlacedArm, cuboids: Sequence[Cuboid], rod: float, near: float) -> None:
+        robot, cylinder = arm.description, mujoco.mjtGeom.mjGEOM_CYLINDER
+        spec = arm_spec(robot)
+        spec.body(robot.end_effector).add_geom(type=cylinder, fromto=[0, 0, 0, 0, 0, rod], size=[0.005, 0, 0])
+        for geom in spec.geoms:
+            geom.contype, geom.conaffinity = ARM_BIT, 0
+        base = spec.body(robot.base)
+        base.pos, base.quat = arm.base, [np.cos(arm.yaw / 2), 0, 0, np.sin(arm.yaw / 2)]
+        for name, cuboid in zip(names(len(cuboids)), cuboids, strict=True):
+            box = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": cuboid.half, "margin": near}
+            spec.worldbody.add_body(name=name, mocap=True).add_geom(name=name, contype=0, conaffinity=ARM_BIT, **box)
+        self._model = spec.compile()
+        tighten_bounds(self._model)
+        self._data = mujoco.MjData(self._model)
+        self._number = {self._model.geom(name).id: i for i, name in enumerate(names(len(cuboids)))}
+
+    def is_near(self, places: Places, joints: Float[np.ndarray, "m dof"]) -> Bool[np.ndarray, " m"]:
+        """In which of these configurations, in [rad], the arm is near to one of the cuboids."""
+        put(self._data, range(len(places)), places)
+        return np.array([bool(self._near(q)) for q in joints], dtype=bool)
+
+    def stay_clear(self, places: Places, joints: Float[np.ndarray, "m dof"]) -> Bool[np.ndarray, " cuboids"]:
+        """Which of the cuboids the arm is near to in none of these configurations, in [rad]."""
+        put(self._data, range(len(places)), places)
+        clear = places[:, 2] > AWAY
+        for q in joints:
+            for i in self._near(q):
+                clear[i] = False
+                self._data.mocap_pos[i, 2] = AWAY
+            if not clear.any():
+                break
+        return clear
+
+    def _near(self, q: Float[np.ndarray, " dof"]) -> set[int]:
+        """Numbers of the cuboids that the arm is near to."""
+        data = self._data
+        data.qpos[:] = q
+        mujoco.mj_kinematics(self._model, data)
+        mujoco.mj_collision(self._model, data)
+        return (
+            {self._number[i] for i in data.contact.geom.ravel().tolist() if i in self._number} if data.ncon else set()
+        )
+
+
+def draw_places(
+    rng: np.random.Generator,
+    cuboids: Sequence[Cuboid],
+    way: Float[np.ndarray, "k 2"],
+    may_stand: Callable[[Places], Bool[np.ndarray, " cuboids"]],
+) -> Places:
+    """Places of cuboids beside a way.
+
+    Args:
+        rng: What is drawn from.
+        cuboids: Which.
+        way: Points of the way of the source's tool, xy in [m].
+        may_stand: Says which of the cuboids, `TRIED` times one after another, may stand there.
+    """
+    found, count = np.full((len(cuboids), 4), np.nan), len(cuboids)
+    low, high = np.array([each.heights or (each.half[2],) * 2 for each in cuboids] * TRIED).T
+    while np.isnan(found).any():
+        angle, yaw = rng.uniform(-np.pi, np.pi, (2, TRIED * count))
+        aside = rng.uniform(*BESIDE, (TRIED * count, 1)) * np.column_stack([np.cos(angle), np.sin(angle)])
+        places = np.column_stack([way[rng.integers(len(way), size=len(yaw))] + aside, rng.uniform(low, high), yaw])
+        places[np.tile(~np.isnan(found[:, 0]), TRIED), 2] = AWAY
+        for i in np.flatnonzero(may_stand(places)):
+            if np.isnan(found[i % count, 0]):
+                found[i % count] = places[i]
+    return found

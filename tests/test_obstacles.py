@@ -1,0 +1,130 @@
+"""Obstacles: where they stand, what touching them does, and who is told of them."""
+
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+
+from envs import BLOCK_PUSH, PRESS_BUTTONS
+from envs.arm.environment import ArmEnv
+from envs.arm.place_arm import place_arm
+from envs.block_push.arm import block_push_arm
+from envs.block_push.obstacles import draw_obstacles
+from envs.block_push.oracle import Oracle
+from envs.block_push.scene import draw_scene
+from envs.block_push.task import BLOCK_PUSH as PUSHING
+from envs.press_buttons.model import PressModel
+from envs.press_buttons.obstacles import draw_obstacles as draw_among_buttons
+from envs.press_buttons.scene import draw_scene as draw_buttons
+from envs.press_buttons.task import PRESS_BUTTONS as PRESSING
+from envs.task import play_oracle
+from policies.setup import Setup
+from policies.way_choice import way_on_arm
+
+AWAY = np.array([2.5, 2.5, 0.1, 0.0])
+
+
+def push_env(robot: str = "xarm6", obstacles: int = 1, **choices) -> ArmEnv:
+    return gymnasium.make(BLOCK_PUSH, robot=robot, obstacles=obstacles, disable_env_checker=True, **choices).unwrapped
+
+
+def reset_among(env: ArmEnv, *places: np.ndarray, seed: int = 50_000, **changes) -> dict:
+    return env.reset(options={"scene": replace(draw_scene(seed), obstacles=np.array(places), **changes)})[1]
+
+
+@pytest.mark.parametrize("draw", [draw_obstacles, draw_among_buttons])
+def test_a_seed_says_where_obstacles_are(draw):
+    first = draw(50_000, 3).copy()
+    draw.cache_clear()
+    np.testing.assert_array_equal(draw(50_000, 3), first)
+    assert first.shape == (3, 4) and np.abs(draw(50_001, 3) - first).max() > 0.01
+    assert (first[:, 2] > 0).all()  # None is below the table.
+
+
+def test_the_source_keeps_clear_of_them_whichever_plan_it_follows():
+    env = push_env(obstacles=6)
+    for mode in range(4):
+        info = reset_among(env, *draw_obstacles(50_001, 6), seed=50_001, mode=mode)
+        oracle, state, over = Oracle(mode), env._state(), False
+        while not over:
+            state, _, over, _, info = env.step(oracle(state))
+            assert not info["obstacle_contact"]
+        assert info["p2"]
+
+
+def test_among_buttons_the_source_presses_what_it_pressed():
+    arm = place_arm("xarm6", PRESSING.poses, obstacles=6)
+    env = PRESSING.make(arm)
+    infos = play_oracle(env, 50_000, PRESSING.oracle("plain")(arm))
+    assert infos[-1]["p2"] and not any(info["obstacle_contact"] for info in infos)
+    assert infos[0]["obstacles"].shape == (6, 4)
+
+
+@pytest.mark.parametrize(("setting", "stops"), [("embodied", True), ("original", False)])
+def test_a_tool_that_runs_into_one_is_stopped_as_a_real_arm_would_be(setting, stops):
+    env = push_env(setting=setting)
+    start = draw_scene(50_000).effector
+    infos = [reset_among(env, np.array([start[0] + 0.08, start[1], 0.06, 0.0]))]
+    while len(infos) < 12 and not infos[-1]["stopped"]:
+        infos.append(env.step(np.array([0.02, 0.0]))[-1])
+    assert any(info["obstacle_contact"] for info in infos)
+    assert infos[-1]["stopped"] is stops and not any(info["table_contact"] for info in infos)
+    if stops:
+        outcome = PUSHING.summarize(infos)
+        assert outcome.failure_cause == "obstacle_collision" and outcome.arm_at_end == "contact"
+        assert outcome.first_contact_step is not None
+
+
+def test_a_block_may_lean_on_one_and_is_held_by_it():
+    env, scene = push_env(), draw_scene(50_000)
+    x, y = 0.4, -0.1
+    block, behind = np.array([x, y, 0.0]), np.array([x, y - 0.05])
+    info = reset_among(env, np.array([x, y + 0.08, 0.06, 0.0]), block=block, block2=scene.block2, effector=behind)
+    for _ in range(8):
+        info = env.step(np.array([0.0, 0.008]))[-1]
+    pushed = info["block_positions"][0]
+    assert 0.005 < pushed[1] - y < 0.045  # The cuboid's face is 4 cm from the block's.
+    assert not info["obstacle_contact"] and not info["stopped"]
+
+
+def test_who_knows_its_arm_goes_round_them():
+    arm = block_push_arm("gen3", obstacles=6)
+    env, scenes = PUSHING.make(arm), (50_008, 50_009)
+    done = {
+        name: [PUSHING.summarize(play_oracle(env, seed, PUSHING.oracle(name)(arm))).p2 for seed in scenes]
+        for name in ("plain", "aware")
+    }
+    assert done == {"plain": [False, False], "aware": [True, True]}
+
+
+def test_what_is_imagined_on_an_arm_is_imagined_among_them():
+    arm = place_arm("gen3", PRESSING.poses, obstacles=1)
+    model, scene = PressModel(arm), draw_buttons(50_000)
+    _, environment = model.opening(scene)
+    ways = model.ways(environment)
+    free = [model.share(model.start(), environment, way, 1) for way in ways]
+    button = 1
+    over = np.array([*(scene.places[button] + 0.06 * scene.normals[button]), 0.0])
+    guidance = way_on_arm(Setup(1.0, None, (0.0, 0.0), 0, PRESSING.space, model, None))
+    guidance.reset([0, 1])
+    guidance.meet([0, 1], np.stack([over[None], AWAY[None]]))
+    blocked, same = (guidance.merits(guidance._rows[row], environment, ways) for row in (0, 1))
+    assert [*same] == free and max(free) == 1
+    for way, among, without in zip(ways, blocked, free, strict=True):
+        assert among == 0 if button in way.goals else among <= without
+
+
+def test_arms_without_obstacles_have_what_they_had():
+    with_them, without = (block_push_arm("panda", obstacles=n) for n in (3, 0))
+    assert with_them.numbers() == without.numbers() and with_them.posture == without.posture
+
+
+@pytest.mark.parametrize("task", [BLOCK_PUSH, PRESS_BUTTONS])
+def test_a_scene_of_ones_own_has_as_many_as_the_arm_stands_among(task):
+    env = gymnasium.make(task, robot="xarm6", obstacles=2, disable_env_checker=True)
+    draw = draw_scene if task == BLOCK_PUSH else draw_buttons
+    with pytest.raises(ValueError, match=r"obstacles are 2 times x, y, z.*Got array"):
+        env.reset(options={"scene": draw(50_000)})
+    with pytest.raises(ValueError, match="obstacles must be a whole number from 0 to 8. Got 9"):
+        gymnasium.make(task, robot="xarm6", obstacles=9)
