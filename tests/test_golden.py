@@ -11,7 +11,7 @@ import pytest
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.artifacts.maps import SHIPPED
 from benchmark.episodes.arm import arm_of
-from benchmark.episodes.episode import Condition, plain
+from benchmark.episodes.episode import Condition, plain, row_id
 from benchmark.rollouts.arm_oracle import ArmOracle
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.rollouts.rollout import Rollout
@@ -22,6 +22,8 @@ pytestmark = pytest.mark.system
 
 FOLDER = Path(__file__).parent / "golden"
 STORED = json.loads((FOLDER / "episodes.json").read_text())
+FIRST = "78a7798bc5143902"
+"""Name of the first of these rows (`row=` of `benchmark.replay`)."""
 HAND_OVER = Path(__file__).parents[1] / "benchmark" / "entries" / "hand_over" / "guidance.py"
 
 
@@ -54,6 +56,13 @@ def test_a_stored_episode_comes_out_again(row):
         f"The same seed gives another episode, stored and now: {differing}. If that is meant, raise the episode "
         "version, say why in its history, and store these rows anew."
     )
+
+
+def test_a_row_keeps_its_name():
+    first = STORED["rows"][0]
+    row = Condition.of(first["condition"]).row() | {name: first[name] for name in ("episode_seed", "slot")}
+    assert row_id(row) == FIRST
+    assert row_id(row | {"obstacles": 3}) != FIRST
 
 
 def played(condition: dict, seed: int):

@@ -22,6 +22,9 @@ CONDITION = [
 IDENTITY = [*CONDITION, "slot", "episode_seed"]
 """Columns that say which episode a row is: rows that agree in all of them are one episode."""
 
+UNSAID = {"obstacles"}
+"""Of these the ones that came when rows had names already, which they keep."""
+
 NOT_REPLAYED = {"commit"}
 """Columns that say where a row came from, not what happened."""
 
@@ -152,9 +155,10 @@ def as_frame(rows: list[dict[str, Any]], outcome: type) -> pd.DataFrame:
 def row_id(row: Mapping[str, Any]) -> str:
     """What tells a row from all others: SHA-256, first 16 digits, over the columns of `IDENTITY`.
 
-    It is that of JSON; a whole number is an integer whatever its column's type.
+    It is that of JSON; a whole number is an integer whatever its column's type. Columns of `UNSAID` that hold the usual
+    are left out.
     """
-    identity = [plain(row[name]) for name in IDENTITY]
+    identity = [plain(row[name]) for name in IDENTITY if name not in UNSAID or row[name] != SINCE[name]]
     return hashlib.sha256(json.dumps(identity).encode()).hexdigest()[:16]
 
 
