@@ -66,7 +66,7 @@ class Method:
         """What it has to be given besides the policy."""
         model = ("a model of the task",) if self.imagines else ()
         controller = ("arm's description",) if self.follows else ()
-        obstacles = ("places of obstacles",) if self.avoids else ()
+        obstacles = ("places of obstacles, if any",) if self.avoids else ()
         return (*FIELD_NEEDS.get(self.field or "", ()), *controller, *self.also_needs, *model, *obstacles)
 
     def refusal(self, space: "TaskSpace") -> str:

@@ -31,6 +31,8 @@ class Theirs(Guidance):
     def correct(self, chunk, state):
 """
 LEAVE = "(os.setsid(), os.fork() or time.sleep(600))"
+SOCKETS = "(int(fd) for fd in os.listdir('/proc/self/fd') if 'socket' in os.path.realpath(f'/proc/self/fd/{fd}'))"
+"""The one on which answers go."""
 CHUNK, STATE = torch.ones(3, 4, 2), torch.zeros(3, 4)
 
 
@@ -65,14 +67,18 @@ def houses():
             ["while True: pass"],
             "gave no answer: it has 3 s for a batch of episodes. Give it more by limits",
         ),
+        (
+            ["while True:", f"    for fd in {SOCKETS}: os.write(fd, bytes([0, 0, 9, 9]))", "    time.sleep(0.2)"],
+            "gave no answer: it has 3 s for a batch of episodes",
+        ),
         (["for _ in range(7): os.fork()", "time.sleep(60)"], "gave no answer: it (started more|took more)"),
         ([f"os.fork() or {LEAVE}", "os._exit(1)"], "gave no answer: its process ended with 1"),
         (["for fd in range(3, 20):", "    try: os.write(fd, bytes(64))", "    except OSError: pass"], "gave"),
     ],
-    ids=["exit", "interrupt", "signs", "leave", "fault", "memory", "hang", "bomb", "orphan", "garbage"],
+    ids=["exit", "interrupt", "signs", "leave", "fault", "memory", "hang", "trickle", "bomb", "orphan", "garbage"],
 )
 def test_what_ends_a_class_is_said_in_a_line_and_leaves_no_process(tmp_path, houses, lines, message):
-    of = stranger(tmp_path, *lines, seconds=3.0 if "while True: pass" in lines else 60.0)
+    of = stranger(tmp_path, *lines, seconds=3.0 if "while True" in lines[0] else 60.0)
     with pytest.raises(SettingError, match=rf"theirs.py: Theirs\.\w+ {message}"):
         of.make(1.0, None, (0.0, 0.0), 0).correct(CHUNK, STATE)
     if "raised" not in message:

@@ -13,6 +13,7 @@ import socket
 import struct
 import subprocess
 import sys
+import threading
 import time
 import weakref
 from collections.abc import Iterator
@@ -160,11 +161,16 @@ class GuestProcess:
             self._channel.send((number, name, arguments, dropped))
             if not wait([self._channel, self._told], max(0.0, self.left)):
                 raise BlockingIOError
-            answer = self._channel.recv_bytes(LONGEST) if self._channel.poll() else b""
+            late = threading.Timer(max(0.0, began + self.left - time.monotonic()), self._process.kill)
+            late.start()  # An answer may also come byte by byte.
+            try:
+                answer = self._channel.recv_bytes(LONGEST) if self._channel.poll() else b""
+            finally:
+                late.cancel()
         except BlockingIOError:
             answer = b"t"
         except (EOFError, OSError):
-            answer = b""
+            answer = b"t" if time.monotonic() > began + self.left else b""
         self.left -= time.monotonic() - began
         kind, content = answer[:1], answer[1:]
         if kind in (b"a", b"n", b"s"):

@@ -16,7 +16,7 @@ from envs.arm.cuboid import Cuboid
 from envs.arm.placed_arm import PlacedArm
 from richmap.physics.mujoco_model import arm_spec
 
-COLOUR = "0.95 0.65 0.15 1"
+COLOUR = "0.95 0.65 0.15 0.55"
 BESIDE = (0.05, 0.15)
 """As far beside a point of the tool's way its middle is drawn, in [m]."""
 AWAY = -10.0
