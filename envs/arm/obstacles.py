@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from envs.arm.collision_bounds import tighten_bounds
+from envs.arm.collision_model import arm_with_rod
 from envs.arm.contact import ARM_BIT, SCENE_BIT
 from envs.arm.cuboid import Cuboid
 from envs.arm.placed_arm import PlacedArm
-from richmap.physics.mujoco_model import arm_spec
 
 COLOUR = "0.95 0.65 0.15 0.55"
 BESIDE = (0.05, 0.15)
@@ -62,13 +62,7 @@ class Surroundings:
     """
 
     def __init__(self, arm: PlacedArm, cuboids: Sequence[Cuboid], rod: float, near: float) -> None:
-        robot, cylinder = arm.description, mujoco.mjtGeom.mjGEOM_CYLINDER
-        spec = arm_spec(robot)
-        spec.body(robot.end_effector).add_geom(type=cylinder, fromto=[0, 0, 0, 0, 0, rod], size=[0.005, 0, 0])
-        for geom in spec.geoms:
-            geom.contype, geom.conaffinity = ARM_BIT, 0
-        base = spec.body(robot.base)
-        base.pos, base.quat = arm.base, [np.cos(arm.yaw / 2), 0, 0, np.sin(arm.yaw / 2)]
+        spec = arm_with_rod(arm, rod, meets=0)
         for name, cuboid in zip(names(len(cuboids)), cuboids, strict=True):
             box = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": cuboid.half, "margin": near}
             spec.worldbody.add_body(name=name, mocap=True).add_geom(name=name, contype=0, conaffinity=ARM_BIT, **box)

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from envs.arm.collision_bounds import tighten_bounds
+from envs.arm.collision_model import arm_with_rod
 from envs.arm.contact import ARM_BIT, SCENE_BIT
 from envs.arm.cuboid import first_of
 from envs.arm.obstacles import AWAY, Places, put
@@ -23,11 +24,7 @@ from envs.press_buttons.workspace import (
     turn_to,
 )
 from richmap.motion.kinematics import forward, joint_frames
-from richmap.physics.mujoco_model import arm_spec
 from richmap.task_spaces.press_buttons import BUTTONS, ROD
-
-ROD_RADIUS = 0.005
-"""Of the rod, in [m]."""
 
 
 class ToolKinematics:
@@ -160,15 +157,8 @@ class KinematicTwin:
     @cached_property
     def _model(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
         """The arm's convex parts, the rod, the table and four buttons that can be moved."""
-        robot, cylinder = self._arm.description, mujoco.mjtGeom.mjGEOM_CYLINDER
-        spec = arm_spec(robot)
-        links = SCENE_BIT | ARM_BIT if self._arm.self_collision else SCENE_BIT
-        rod = {"type": cylinder, "fromto": [0, 0, 0, 0, 0, ROD], "size": [ROD_RADIUS, 0, 0]}
-        spec.body(robot.end_effector).add_geom(name="rod", **rod)
-        for geom in spec.geoms:
-            geom.contype, geom.conaffinity = ARM_BIT, links
-        base = spec.body(robot.base)
-        base.pos, base.quat = self._arm.base, [np.cos(self._arm.yaw / 2), 0, 0, np.sin(self._arm.yaw / 2)]
+        cylinder, links = mujoco.mjtGeom.mjGEOM_CYLINDER, SCENE_BIT | ARM_BIT * self._arm.self_collision
+        spec = arm_with_rod(self._arm, ROD, links)
         around = {"contype": 0, "conaffinity": ARM_BIT}
         spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[3, 3, 0.1], **around)
         for i in range(BUTTONS):
