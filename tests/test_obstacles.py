@@ -1,11 +1,21 @@
 """Obstacles: where they stand, what touching them does, and who is told of them."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import gymnasium
 import numpy as np
+import pandas as pd
 import pytest
+import torch
 
+from benchmark.episodes.arm import suite_arms
+from benchmark.episodes.table import read_tables
+from benchmark.rollouts.guidance_class import GuidanceClass
+from benchmark.scoring.statistics import Crossed, clustered_difference
+from benchmark.scoring.suite_table import by_condition
+from benchmark.settings.suite import suite_conditions, suite_task
+from benchmark.settings.task import chosen_task
 from envs import BLOCK_PUSH, PRESS_BUTTONS
 from envs.arm.environment import ArmEnv
 from envs.arm.place_arm import place_arm
@@ -88,14 +98,12 @@ def test_a_block_may_lean_on_one_and_is_held_by_it():
     assert not info["obstacle_contact"] and not info["stopped"]
 
 
+@pytest.mark.system
 def test_who_knows_its_arm_goes_round_them():
     arm = block_push_arm("gen3", obstacles=6)
-    env, scenes = PUSHING.make(arm), (50_008, 50_009)
-    done = {
-        name: [PUSHING.summarize(play_oracle(env, seed, PUSHING.oracle(name)(arm))).p2 for seed in scenes]
-        for name in ("plain", "aware")
-    }
-    assert done == {"plain": [False, False], "aware": [True, True]}
+    env = PUSHING.make(arm)
+    played = (play_oracle(env, 50_008, PUSHING.oracle(name)(arm)) for name in ("plain", "aware"))
+    assert [PUSHING.summarize(infos).p2 for infos in played] == [False, True]
 
 
 def test_what_is_imagined_on_an_arm_is_imagined_among_them():
@@ -115,6 +123,30 @@ def test_what_is_imagined_on_an_arm_is_imagined_among_them():
         assert among == 0 if button in way.goals else among <= without
 
 
+THEIRS = """
+from policies.guidance import Guidance
+
+class Theirs(Guidance):
+    def __init__(self, field, scale, base, seed):
+        self.told = 0.0
+
+    def meet(self, rows, places):
+        self.told = float(places[rows.index(3), 0, 0])
+
+    def correct(self, chunk, state):
+        return chunk * 0 + self.told
+"""
+
+
+@pytest.mark.system
+def test_a_class_of_ones_own_is_told_in_its_process(tmp_path):
+    (tmp_path / "theirs.py").write_text(THEIRS)
+    guidance = GuidanceClass(tmp_path / "theirs.py", "Theirs").make(1.0, None, (0.0, 0.0), 0)
+    guidance.reset([1, 3])
+    guidance.meet([1, 3], np.array([AWAY[None], AWAY[None] / 2]))
+    assert (guidance.correct(torch.zeros(4, 8, 2), torch.zeros(4, 4)) == AWAY[0] / 2).all()
+
+
 def test_arms_without_obstacles_have_what_they_had():
     with_them, without = (block_push_arm("panda", obstacles=n) for n in (3, 0))
     assert with_them.numbers() == without.numbers() and with_them.posture == without.posture
@@ -128,3 +160,29 @@ def test_a_scene_of_ones_own_has_as_many_as_the_arm_stands_among(task):
         env.reset(options={"scene": draw(50_000)})
     with pytest.raises(ValueError, match="obstacles must be a whole number from 0 to 8. Got 9"):
         gymnasium.make(task, robot="xarm6", obstacles=9)
+
+
+@pytest.mark.results
+@pytest.mark.parametrize("suite", ["push-obstacles", "buttons-obstacles"])
+def test_what_the_page_says_of_obstacles_is_what_is_stored(suite):
+    page = Path("docs/obstacles.md").read_text()
+    conditions, task = suite_conditions(suite), chosen_task(suite_task(suite))
+    rows = by_condition(read_tables(Path("results/suites") / suite, task.name), suite_arms(conditions, task))
+    for name in (name for name in conditions if name.endswith("-obstacles")):
+        assert line_of(name.removesuffix("-obstacles"), rows) in page
+
+
+def line_of(name: str, rows: dict[str, pd.DataFrame]) -> str:
+    """A row of the page's tables: p2 without obstacles and among them, the loss, and the oracles among them."""
+    key = ["checkpoint_hash", "episode_seed"]
+    among, alone = (of[of.method == "direct"] for of in (rows[f"{name}-obstacles"], rows[name]))
+    pairs = among.merge(alone[[*key, "p2"]], on=key, suffixes=("", "_alone"), validate="one_to_one")
+    assert len(pairs) == len(among) == len(alone) == 150
+    loss = clustered_difference(Crossed.of(pairs, pairs.p2.astype(float) - pairs.p2_alone.astype(float)))
+    points = "{:+.1f} [{:+.1f}, {:+.1f}]".format(*(100 * each for each in loss))
+    cells = [f"{100 * alone.p2.mean():.1f}", f"{100 * among.p2.mean():.1f}", points]
+    for oracle in ("plain_oracle", "aware_oracle"):
+        done = rows[f"{name}-obstacles"].p2[rows[f"{name}-obstacles"].method == oracle]
+        assert len(done) == 50
+        cells.append(f"{100 * done.mean():.0f}")
+    return f"| {' | '.join([name, *cells])} |"
