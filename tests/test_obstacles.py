@@ -173,7 +173,7 @@ def test_what_the_page_says_of_obstacles_is_what_is_stored(suite):
 
 
 def line_of(name: str, rows: dict[str, pd.DataFrame]) -> str:
-    """A row of the page's tables: p2 without obstacles and among them, the loss, and the oracles among them."""
+    """A row of the page's tables: p2 without obstacles and among them, the loss, and others' p2 among them."""
     key = ["checkpoint_hash", "episode_seed"]
     among, alone = (of[of.method == "direct"] for of in (rows[f"{name}-obstacles"], rows[name]))
     pairs = among.merge(alone[[*key, "p2"]], on=key, suffixes=("", "_alone"), validate="one_to_one")
@@ -181,8 +181,9 @@ def line_of(name: str, rows: dict[str, pd.DataFrame]) -> str:
     loss = clustered_difference(Crossed.of(pairs, pairs.p2.astype(float) - pairs.p2_alone.astype(float)))
     points = "{:+.1f} [{:+.1f}, {:+.1f}]".format(*(100 * each for each in loss))
     cells = [f"{100 * alone.p2.mean():.1f}", f"{100 * among.p2.mean():.1f}", points]
-    for oracle in ("plain_oracle", "aware_oracle"):
-        done = rows[f"{name}-obstacles"].p2[rows[f"{name}-obstacles"].method == oracle]
-        assert len(done) == 50
-        cells.append(f"{100 * done.mean():.0f}")
+    for method, n in {"plain_oracle": 50, "aware_oracle": 50, "way_on_arm": 150}.items():
+        done = rows[f"{name}-obstacles"].p2[rows[f"{name}-obstacles"].method == method]
+        if len(done):
+            assert len(done) == n
+            cells.append(f"{100 * done.mean():.1f}")
     return f"| {' | '.join([name, *cells])} |"

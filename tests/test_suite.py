@@ -299,8 +299,8 @@ def test_methods_say_what_they_need():
     needs = {name: method.needs for name, method in METHODS.items()}
     assert needs["direct"] == () and needs["paper"] == ("source's map", "target's map")
     assert needs["projection"] == ("arm's description",) and needs["plan_of_any"] == ("a model of the task",)
-    assert needs["plan_on_arm"] == ("arm's description", "a model of the task")
-    assert needs["value_on_arm"] == needs["plan_on_arm"]
+    assert needs["value_on_arm"] == ("arm's description", "a model of the task")
+    assert needs["plan_on_arm"] == (*needs["value_on_arm"], "places of obstacles, if any")
     assert all(method.field is None or method.needs for method in METHODS.values())
 
 
