@@ -3,7 +3,6 @@
 No simulator: neither dynamics nor contact, but what an arm would touch on its way is known.
 """
 
-import copy
 from functools import cached_property
 from itertools import combinations, permutations
 
@@ -45,9 +44,8 @@ class PressModel:
 
     def among(self, obstacles: Places) -> "PressModel":
         """The same among obstacles that stand there."""
-        assert self._tool is None or self._twin is not None  # Made before it is copied.
-        model = copy.copy(self)
-        model._obstacles = obstacles
+        model = PressModel(self._arm)
+        vars(model).update(_tool=self._tool, _twin=self._twin, _obstacles=obstacles)  # Made once: they take a while.
         return model
 
     @cached_property
