@@ -112,6 +112,8 @@ class Task:
     """An arm's own controller, as methods ask it (`policies.arm_controller.ArmController`): no simulator."""
     shows_pictures: bool = False
     """Whether `make` takes `picture`, so that policies that see pictures can be evaluated."""
+    has_obstacles: bool = False
+    """Whether cuboids stand around an arm that has them (`PlacedArm.obstacles`)."""
     plan: tuple[str, ...] = ()
     """Columns that say which way through the task an episode took, such as what it did first."""
     traits: tuple[Trait, ...] = ()

@@ -20,7 +20,7 @@ from benchmark.rollouts.missing_episodes import play_and_store
 from benchmark.scoring.report import print_report
 from benchmark.settings.config import OracleConfig, RunConfig
 from benchmark.settings.replay_config import ReplayConfig
-from benchmark.settings.robot_config import RobotConfig
+from benchmark.settings.robot_config import ArmConfig, RobotConfig
 from benchmark.settings.setting import SettingError
 from tests.reach_point import MOST_STEPS, REACH_POINT, save_policy
 
@@ -76,6 +76,11 @@ def write_entry(folder, gain=1.0):
 def entered(entry, output_dir, **values):
     values = {"robots": ["ur3"], "episodes": 6, "workers": 1} | values
     return EnterConfig(task=TASK, entry=str(entry), output_dir=str(output_dir), **values)
+
+
+def test_obstacles_are_refused_where_a_task_has_none(policies, tmp_path):
+    with pytest.raises(SettingError, match="arm.obstacles=3: the task reach_point has none. Leave it out."):
+        rolled_out(settings(policies[0], tmp_path, arm=ArmConfig(obstacles=3)))
 
 
 def test_rows_hold_the_tasks_own_columns(policies, tmp_path):

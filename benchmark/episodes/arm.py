@@ -35,11 +35,14 @@ def chosen_arm(config: RunConfig | OracleConfig | ConditionConfig, task: "Task")
     """The setting's arm with the single choices replaced, as it does a task.
 
     Raises:
-        SettingError: If the arm cannot hold its tool over the task's start so.
+        SettingError: If the arm cannot hold its tool over the task's start so, or is to stand among obstacles and the
+            task has none.
     """
     from envs.arm.place_arm import place_arm
     from envs.arm.placed_arm import start_posture
 
+    if config.arm.obstacles and not task.has_obstacles:
+        raise SettingError(f"arm.obstacles={config.arm.obstacles}: the task {task.name} has none. Leave it out.")
     poses = task.poses
     try:
         robot = config.robot if isinstance(config, ConditionConfig) else config.robot.load()

@@ -71,6 +71,7 @@ class GuidanceClass(Stranger):
             theirs = made(given, scale, base, seed)
         except BaseException as error:
             raise SettingError(f"{self.file}: {self.name}(field, scale, base, seed) {_raised(error)}") from error
+        _check_places(theirs, f"{self.file}: {self.name}")
         checked = _checked(theirs, f"{self.file}: {self.name}", width)
         takes = [name for name in (*TOLD, *PLACES) if getattr(type(theirs), name) is not getattr(Guidance, name)]
         return checked, {"samples": theirs.samples, "looks_ahead": bool(theirs.looks_ahead), "takes": takes}
@@ -119,10 +120,8 @@ def _from_source() -> Iterator[None]:
             sys.pycache_prefix = before
 
 
-def _checked(theirs: "Guidance", where: str, width: int) -> "Guidance":
-    """The same, but what it raises, and answers that are no finite tensors of the right shape, are said by name."""
-    import torch
-
+def _check_places(theirs: "Guidance", where: str) -> None:
+    """Raise `SettingError` if an instance has what would never be asked."""
     from policies.guidance import Guidance
 
     if not isinstance(theirs.samples, int) or not 1 <= theirs.samples <= MOST_CHUNKS:
@@ -139,6 +138,13 @@ def _checked(theirs: "Guidance", where: str, width: int) -> "Guidance":
             f"{where}.noise would never be asked: the process that runs a class of a file has no policy at hand. "
             f"Places to act: {', '.join(PLACES)}."
         )
+
+
+def _checked(theirs: "Guidance", where: str, width: int) -> "Guidance":
+    """The same, but what it raises, and answers that are no finite tensors of the right shape, are said by name."""
+    import torch
+
+    from policies.guidance import Guidance
 
     def ask(name: str, shape: tuple[int, ...], *given: "Tensor", or_none: bool = False) -> "Tensor | None":
         try:

@@ -77,8 +77,10 @@ def place_arm(
             "the arm's file."
         )
     _check_limited(description, narrowed, chosen["joint_limits"])
-    chosen |= {"narrowed": tuple(map(float, narrowed)), "tool_length": float(tool_length), "delay": float(delay)}
-    chosen |= {"obstacles": int(obstacles)}
+    chosen |= {
+        "narrowed": tuple(map(float, narrowed)), "tool_length": float(tool_length), "delay": float(delay),
+        "obstacles": int(obstacles),
+    }  # fmt: skip
     branches = file.branches if file else {}
     name = chosen.pop("branch")
     if name != FOUND and name not in branches:

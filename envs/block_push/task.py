@@ -121,6 +121,7 @@ BLOCK_PUSH = Task(
     ),
     controller=controller,
     shows_pictures=True,
+    has_obstacles=True,
     plan=("first_block", "first_target"),
     traits=(
         Trait("far_target_first", "farther first", far_target_first),

@@ -125,6 +125,7 @@ PRESS_BUTTONS = Task(
         play=demonstrate,
     ),
     shows_pictures=True,
+    has_obstacles=True,
     plan=("first_button", "second_button"),
     traits=(Trait("pressed_wrongly", "wrong presses", pressed_wrongly),),
     traits_text=TRAITS_TEXT,
