@@ -9,7 +9,7 @@ from pathlib import Path
 
 from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.scenes import check_scenes
-from benchmark.settings.suite import suite_conditions, suite_scenes, suite_task
+from benchmark.settings.suite import suite_conditions, suite_scenes, tasks_of
 from benchmark.settings.task import chosen_task
 
 
@@ -36,7 +36,7 @@ class CeilingsConfig:
         self.seed_start = scenes.start if self.seed_start is None else self.seed_start
         self.episodes = len(scenes) if self.episodes is None else self.episodes
         check_setting(self.episodes >= 1, "episodes", self.episodes, "a whole number >= 1")
-        check_scenes(self.seed_start, self.episodes)
+        check_scenes(self.seed_start, self.episodes, self.suite)
 
 
 def main(config: CeilingsConfig) -> None:
@@ -44,28 +44,28 @@ def main(config: CeilingsConfig) -> None:
     import pandas as pd
 
     from benchmark.artifacts.commit import commit
-    from benchmark.episodes.arm import suite_arms
-    from benchmark.episodes.table import read_tables
+    from benchmark.episodes.table import read_present
     from benchmark.scoring.ceiling import PLAIN, PLANNER, ceiling, ceilings_file, save_ceilings
     from benchmark.scoring.scores import with_interval
     from benchmark.scoring.suite_table import by_condition
 
     file = Path(config.output) if config.output else ceilings_file(config.suite)
-    task = chosen_task(suite_task(config.suite))
+    conditions = suite_conditions(config.suite)
+    tasks = [chosen_task(name) for name in tasks_of(conditions)]
     if file.exists():
         raise SettingError(f"{file} is there, and is frozen with the suite. To make others, give output=.")
     table = Path(config.table) if config.table else ceilings_file(config.suite).parent
-    rows = read_tables(table, task.name)
+    read = [read_present(table, task) for task in tasks]
+    rows = pd.concat([each for each in read if len(each)] or read[:1], ignore_index=True)
     if rows.empty:
-        raise SettingError(f"There are no episodes of {task.name} in {table}.")
+        raise SettingError(f"There are no episodes of {' or '.join(task.name for task in tasks)} in {table}.")
     assert config.seed_start is not None and config.episodes is not None
     scenes = range(config.seed_start, config.seed_start + config.episodes)
-    present = rows.episode_version == rows.setting.map(task.episode_version)
-    rows = rows[rows.episode_seed.isin(scenes) & rows.method.isin([PLANNER, PLAIN, *config.methods]) & present]
+    rows = rows[rows.episode_seed.isin(scenes) & rows.method.isin([PLANNER, PLAIN, *config.methods])]
     made, lines = {}, []
-    for name, of_condition in by_condition(rows, suite_arms(suite_conditions(config.suite), task)).items():
+    for name, of_condition in by_condition(rows, conditions).items():
         try:
-            made[name] = ceiling(of_condition, task.success)
+            made[name] = ceiling(of_condition, chosen_task(conditions[name].task).success)
         except SettingError as error:
             raise SettingError(
                 f"{name}: {error} Roll them out: python -m benchmark.run -m suite={config.suite} "
@@ -77,7 +77,7 @@ def main(config: CeilingsConfig) -> None:
         lines.append({"condition": name, "ceiling": with_interval(pd.Series(figures), "c"), **means})
     about: dict[str, object] = {
         "suite": config.suite,
-        "task": task.name,
+        "task": ", ".join(task.name for task in tasks),
         "scenes": [scenes[0], scenes[-1]],
         "commit": commit(),
     }

@@ -6,6 +6,7 @@ python -m benchmark.run suite=push-v1 method=reorder
 python -m benchmark.run -m experiment=transfer
 """
 
+from itertools import chain
 from pathlib import Path
 
 from benchmark.settings.command import run_command
@@ -21,28 +22,30 @@ def main(config: RunConfig) -> None:
     import pandas as pd
     from rich.console import Console
 
-    from benchmark.episodes.arm import chosen_arms
     from benchmark.rollouts.missing_episodes import play_and_store
     from benchmark.scoring.ceiling import ceilings_file, read_ceilings
     from benchmark.scoring.report import print_report
     from benchmark.scoring.suite_table import show_suite
-    from benchmark.sweeps.chosen_players import chosen_checkpoints, chosen_players
+    from benchmark.settings.suite import suite_conditions
+    from benchmark.sweeps.chosen_players import chosen_players
     from benchmark.sweeps.experiment_log import log_run
 
     console = Console()
     if note := note_on_tuning(config):
         console.print(note)
-    task = chosen_task(config.task)
-    checkpoints = chosen_checkpoints(config)
-    arms = chosen_arms(config, task)
-    players = chosen_players(config, task, arms.values(), checkpoints, console)
-    tables = play_and_store(players, config, console)
+    parts = config.parts
+    for part in parts:
+        if part.method != config.method:
+            console.print(f"Direct transfer alone in {part.task}: {config.idle(part.task)}.")
+    players = [chosen_players(part, console) for part in parts]
+    tables = [play_and_store(each, part, console) for each, part in zip(players, parts, strict=True)]
     if config.conditions:
-        rows, ceilings = pd.concat(tables, ignore_index=True), read_ceilings(ceilings_file(config.suite))
-        show_suite(config.suite, config.conditions, arms, rows, ceilings, task)
+        rows, ceilings = pd.concat(chain(*tables), ignore_index=True), read_ceilings(ceilings_file(config.suite))
+        show_suite(config.suite, suite_conditions(config.suite), rows, ceilings)
     else:
-        print_report(task, tables, Path(config.output_dir))
-    log_run(config, players, tables)
+        print_report(chosen_task(config.task), tables[0], Path(config.output_dir))
+    for of_part in zip(parts, players, tables, strict=True):
+        log_run(*of_part)
 
 
 def note_on_tuning(config: RunConfig) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.paths import check_folder
 from benchmark.settings.recipe import USUAL, check_recipe
-from benchmark.settings.suite import suite_conditions, suite_task
+from benchmark.settings.suite import suite_conditions, tasks_of
 from benchmark.settings.task import chosen_task
 
 
@@ -23,7 +23,7 @@ class ShowConfig:
     table: str = ""
     """A table of episodes, or a folder: all tables in it and below; empty for results, or results/suites/<suite>."""
     task: str = "block_push"
-    """What the episodes are of (see benchmark.run); with a suite, its own task."""
+    """What the episodes are of (see benchmark.run); with a suite, its own tasks."""
     suite: str = ""
     """Conditions by which the episodes are shown, with ceilings and shares of head-room (see benchmark.run)."""
     ceilings: str = ""
@@ -39,8 +39,7 @@ class ShowConfig:
     writes it; empty for none."""
 
     def __post_init__(self) -> None:
-        self.task = suite_task(self.suite) if self.suite else self.task
-        task = chosen_task(self.task)
+        task = chosen_task(self.tasks[0])
         check_recipe(self.recipe)
         if self.protocol:
             from benchmark.scoring.ranking import protocols_of
@@ -55,11 +54,17 @@ class ShowConfig:
             if folder := getattr(self, setting):
                 check_folder(folder, setting)
 
+    @property
+    def tasks(self) -> list[str]:
+        """What the episodes are of."""
+        return tasks_of(suite_conditions(self.suite)) if self.suite else [self.task]
+
 
 def main(config: ShowConfig) -> None:
     """Print method, scale and arm with the score that ranks and the paired difference to direct transfer, and draw it;
     or, with eval_info=, write the episodes as LeRobot does, or, with protocol=, print all that is published."""
-    from benchmark.episodes.arm import suite_arms
+    import pandas as pd
+
     from benchmark.episodes.table import read_present
     from benchmark.scoring.boards import read_boards
     from benchmark.scoring.ceiling import ceilings_file, read_ceilings
@@ -68,26 +73,30 @@ def main(config: ShowConfig) -> None:
     from benchmark.scoring.protocol_text import protocol_text
     from benchmark.scoring.suite_table import show_suite
 
-    path, task = Path(config.table), chosen_task(config.task)
+    path, tasks = Path(config.table), [chosen_task(name) for name in config.tasks]
+    task = tasks[0]
     if config.protocol:
         for protocol, table in read_boards(path, task, config.recipe, [config.protocol]).tables.items():
             print(protocol_text(task, protocol, table, config.recipe))
         return
-    episodes = read_present(path, task)
-    if episodes.empty:
-        raise SettingError(f"table={path} holds no episodes of {task.name}.")
+    read = [(task, read_present(path, task)) for task in tasks]
+    tables = [(task, episodes) for task, episodes in read if len(episodes)]
+    if not tables:
+        raise SettingError(f"table={path} holds no episodes of {' or '.join(task.name for task in tasks)}.")
     if config.eval_info:
-        for file in write_eval_infos(episodes, task, Path(config.eval_info)):
-            print(file)
+        for task, episodes in tables:
+            folder = Path(config.eval_info, *[task.name] * (len(tables) > 1))
+            for file in write_eval_infos(episodes, task, folder):
+                print(file)
         return
     if config.suite:
-        conditions = suite_conditions(config.suite)
         ceilings = read_ceilings(Path(config.ceilings) if config.ceilings else ceilings_file(config.suite))
-        show_suite(config.suite, conditions, suite_arms(conditions, task), episodes, ceilings, task)
+        rows = pd.concat([episodes for _, episodes in tables], ignore_index=True)
+        show_suite(config.suite, suite_conditions(config.suite), rows, ceilings)
         return
     folder = Path(config.output_dir) if config.output_dir else path if path.is_dir() else path.parent
     check_folder(str(folder))
-    show_results(episodes, task, folder)
+    show_results(tables[0][1], task, folder)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from benchmark.artifacts import arm_values
 from benchmark.artifacts.arm_values import arm_key, arm_value, value_file
 from benchmark.rollouts.imagined_moments import KIND, VERSION, Part, imagine
 from benchmark.rollouts.value_learning import Learning, learnt_from
-from benchmark.settings.scenes import IMAGINED, SEALED, TABLES, VALIDATION
+from benchmark.settings.scenes import IMAGINED, RANKING, TABLES, VALIDATION
 from benchmark.settings.setting import SettingError
 from envs.arm.place_arm import place_arm
 from envs.press_buttons.model import PressModel
@@ -245,7 +245,7 @@ def test_moments_are_imagined_alike_again_and_a_value_is_learnt_of_them(arm, tmp
 
 
 def test_no_scene_of_values_is_played_elsewhere():
-    for others in (VALIDATION, TABLES, SEALED, range(100_000, 150_000), range(50_000)):
+    for others in (VALIDATION, TABLES, RANKING, range(100_000, 150_000), range(50_000)):
         assert not {*IMAGINED} & {*others}
 
 

@@ -10,9 +10,11 @@ from benchmark.studies.decision_time import DecisionTimeConfig
 def test_a_method_has_the_time_of_its_task_and_scale(tmp_path):
     file = tmp_path / "times.csv"
     file.write_text("task,method,lambda,robot,steps,mean_ms,longest_ms\nt,a,0.5,ur3,9,3.5,20\nother,b,1.0,ur3,9,1,2\n")
-    ranking = pd.DataFrame({"method": ["a", "a", "b"], "lambda": [0.5, 1.0, 1.0]})
-    assert np.array_equal(with_times(ranking, "t", file).step_ms, [3.5, np.nan, np.nan], equal_nan=True)
-    assert with_times(ranking, "t", tmp_path / "none.csv").step_ms.isna().all()
+    scales = [{"t": 0.5}, {"t": 1.0}, {"t": 1.0}, {"other": 1.0, "t": 2.0}, {"other": 1.0}]
+    ranking = pd.DataFrame({"method": ["a", "a", "b", "b", "b"], "scales": scales})
+    known = with_times(ranking, file).step_ms
+    assert np.array_equal(known, [3.5, np.nan, np.nan, np.nan, 1.0], equal_nan=True)
+    assert with_times(ranking, tmp_path / "none.csv").step_ms.isna().all()
 
 
 @pytest.mark.system

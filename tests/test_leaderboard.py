@@ -15,7 +15,7 @@ from benchmark import show
 from benchmark.artifacts import known_policies
 from benchmark.artifacts.checkpoint import Checkpoint
 from benchmark.artifacts.known_policies import policies_in, shipped
-from benchmark.episodes.arm import ARM, setting_text, suite_arms
+from benchmark.episodes.arm import ARM, setting_text
 from benchmark.episodes.parts import write_part
 from benchmark.episodes.table import read_tables
 from benchmark.leaderboard import LeaderboardConfig, main
@@ -287,11 +287,13 @@ def made_up_standing(episodes, methods=()):
     rows = counted(episodes, STRICT, OURS)
     like = rows[rows.method == "paper"]
     rows = pd.concat([rows, *(like.assign(method=name) for name in methods)])
-    conditions = {"here": ConditionConfig("ur3"), "there": ConditionConfig("ur5", saturated=True)}
+    conditions = {
+        "here": ConditionConfig("ur3", "block_push"),
+        "there": ConditionConfig("ur5", "block_push", saturated=True),
+    }
     scenes = tuple(sorted({*rows.episode_seed}))
     ceiling = Ceiling(scenes, ("seed42-1", "seed43-1", "seed44-1"), ("1" * len(scenes),) * 3, {})
-    arms = suite_arms(conditions, BLOCK_PUSH)
-    return standing("push-v1", conditions, arms, dict.fromkeys(conditions, ceiling), rows, BLOCK_PUSH)
+    return standing("push-v1", conditions, dict.fromkeys(conditions, ceiling), rows)
 
 
 def test_the_ranking_of_a_suite_comes_first_and_then_what_each_method_gains_where(transfer_episodes, boards):
@@ -422,8 +424,8 @@ def test_the_published_document_says_what_the_published_rows_say():
         rows = read_tables(Path(__file__).parents[1] / "results" / "suites", BLOCK_PUSH.name)
         rows = rows[rows.episode_seed.isin(STRICT.scenes)]
         conditions = suite_conditions(suite)
-        for name, arm in suite_arms(conditions, BLOCK_PUSH).items():
-            of = by_condition(rows, {name: arm})[name].set_index(["checkpoint", "episode_seed"])
+        for name, of_condition in by_condition(rows, conditions).items():
+            of = of_condition.set_index(["checkpoint", "episode_seed"])
             direct = of.p2[of.method == "direct"].astype(float)
             saturated = ", saturated" * (conditions[name].saturated and suite == "push-v1")
             (line,) = re.findall(rf"^\| {name}{saturated} .*$", section, re.MULTILINE)

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from benchmark.episodes.arm import suite_arms
 from benchmark.scoring.ceiling import Ceiling
 from benchmark.scoring.leaderboard_page import page
 from benchmark.scoring.oracle_scores import with_oracles
@@ -63,14 +62,12 @@ def standings(transfer_episodes):
     rows = counted(transfer_episodes, STRICT, {*transfer_episodes.checkpoint_hash})
     scenes, policies = sorted({*rows.episode_seed}), sorted({*rows.checkpoint})
     ceiling = Ceiling(tuple(scenes), tuple(policies), ("1" * len(scenes),) * len(policies), {})
+    easy = ConditionConfig("ur5", "block_push", saturated=True)
     suites = {
-        "mine": {"here": ConditionConfig("ur3", cause="outer reach"), "there": ConditionConfig("ur5", saturated=True)},
-        "easy": {"there": ConditionConfig("ur5", saturated=True)},
+        "mine": {"here": ConditionConfig("ur3", "block_push", cause="outer reach"), "there": easy},
+        "easy": {"there": easy},
     }
-    return [
-        standing(name, of, suite_arms(of, BLOCK_PUSH), dict.fromkeys(of, ceiling), rows, BLOCK_PUSH)
-        for name, of in suites.items()
-    ]
+    return [standing(name, of, dict.fromkeys(of, ceiling), rows) for name, of in suites.items()]
 
 
 @pytest.fixture(scope="module")
@@ -175,10 +172,10 @@ def test_it_begins_with_how_methods_rank_and_what_they_gain_on_each_condition(op
     assert seen[-1] == "How to submit"
     shown, ranking = ranked(browser), mine.ranking.set_index("method")
     assert [*shown][-2:] == ["direct", "ceiling"] and len(shown) == len(mine.methods) + 2 == 5
-    assert [name.split()[0] for name in shown][:-2] == [method for method, _ in mine.methods]
+    assert [name.split()[0] for name in shown][:-2] == [*mine.methods.method]
     for row in mine.table.to_dict("records"):
         if row["method"] == "direct":
-            assert number(shown["direct"][_title(row)]) == pytest.approx(100 * row["p2"], abs=0.051)
+            assert number(shown["direct"][_title(row)]) == pytest.approx(100 * row["score"], abs=0.051)
             assert number(shown["ceiling"][_title(row)]) == 100
             continue
         cells = shown[f"{row['method']} {row['lambda']:g}"]
@@ -200,7 +197,7 @@ def test_each_figure_has_its_interval(opened, standings):
     browser, cells = opened(), standings[0].table.set_index(["method", "condition"])
     shown = browser.find_elements("css selector", "#methods tbody td.condition [title]")
     assert len(shown) == 9  # Three methods, of which one lacks a condition, direct transfer and the ceiling.
-    of = cells.loc[standings[0].methods[0][0], "here"]
+    of = cells.loc[standings[0].methods.method.iloc[0], "here"]
     ends = [number(end) for end in shown[0].get_attribute("title").partition("[")[2].split(",")]
     assert ends == pytest.approx([100 * of.difference_low, 100 * of.difference_high], abs=0.051)
     shown[0].click()  # A phone has nothing to point with.

@@ -9,13 +9,11 @@ import pandas as pd
 import pytest
 import torch
 
-from benchmark.episodes.arm import suite_arms
 from benchmark.episodes.table import read_tables
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.scoring.statistics import Crossed, clustered_difference
 from benchmark.scoring.suite_table import by_condition
-from benchmark.settings.suite import suite_conditions, suite_task
-from benchmark.settings.task import chosen_task
+from benchmark.settings.suite import suite_conditions
 from envs import BLOCK_PUSH, PRESS_BUTTONS
 from envs.arm.environment import ArmEnv
 from envs.arm.place_arm import place_arm
@@ -166,9 +164,8 @@ def test_a_scene_of_ones_own_has_as_many_as_the_arm_stands_among(task):
 @pytest.mark.parametrize("suite", ["push-obstacles", "buttons-obstacles"])
 def test_what_the_page_says_of_obstacles_is_what_is_stored(suite):
     page = Path("docs/obstacles.md").read_text()
-    conditions, task = suite_conditions(suite), chosen_task(suite_task(suite))
-    rows = by_condition(read_tables(Path("results/suites") / suite, task.name), suite_arms(conditions, task))
-    for name in (name for name in conditions if name.endswith("-obstacles")):
+    rows = by_condition(read_tables(Path("results/suites") / suite), suite_conditions(suite))
+    for name in (name for name in rows if name.endswith("-obstacles")):
         assert line_of(name.removesuffix("-obstacles"), rows) in page
 
 

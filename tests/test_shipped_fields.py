@@ -7,7 +7,6 @@ from benchmark.artifacts.fields import guidance_field
 from benchmark.episodes.arm import suite_arms
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.suite import suite_conditions
-from envs.block_push.task import BLOCK_PUSH
 from richmap.similarity.energy import EnergyField
 from richmap.similarity.signed_distance import SignedDistanceField
 
@@ -32,22 +31,28 @@ def of(kind, arm, **of_map):
     return guidance_field(kind, arm, MapConfig(**of_map), EnergyConfig(), 1, Console(quiet=True))
 
 
-@pytest.mark.parametrize("suite", ["push-v1", "official", "quick"])
+def arms_of(suite):
+    """Of its conditions of block push."""
+    conditions = {name: each for name, each in suite_conditions(suite).items() if each.task == "block_push"}
+    return suite_arms(conditions).values()
+
+
+@pytest.mark.parametrize("suite", ["push-v1", "official", "quick", "full"])
 def test_what_the_arms_of_the_suites_can_hold_ships(nothing_is_made, suite):
-    for arm in suite_arms(suite_conditions(suite), BLOCK_PUSH).values():
+    for arm in arms_of(suite):
         field, file = of("feasibility", arm)
         assert isinstance(field, SignedDistanceField) and file.parent == maps.SHIPPED
 
 
-@pytest.mark.parametrize("suite", ["official", "quick"])
+@pytest.mark.parametrize("suite", ["official", "quick", "full"])
 def test_a_first_run_needs_no_map(nothing_is_made, suite):
-    for arm in suite_arms(suite_conditions(suite), BLOCK_PUSH).values():
+    for arm in arms_of(suite):
         field, file = of("energy", arm)
         assert isinstance(field, EnergyField) and file.parent == maps.SHIPPED
 
 
 def test_other_settings_are_built_and_so_is_what_is_asked_to_be(nothing_is_made, monkeypatch, tmp_path):
-    arm = suite_arms(suite_conditions("official"), BLOCK_PUSH)["ur3"]
+    arm = suite_arms(suite_conditions("official"))["ur3"]
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     for of_map in ({"cell_size": 0.1}, {"seed": 1}, {"rebuild": True}):
         with pytest.raises(AssertionError, match="made anew"):
@@ -55,7 +60,7 @@ def test_other_settings_are_built_and_so_is_what_is_asked_to_be(nothing_is_made,
 
 
 def test_a_field_that_ships_is_the_one_that_is_made():
-    arm = suite_arms(suite_conditions("quick"), BLOCK_PUSH)["ur3-near-10cm"]
+    arm = suite_arms(suite_conditions("quick"))["ur3-near-10cm"]
     (shipped, _), (made, file) = of("feasibility", arm), of("feasibility", arm, rebuild=True)
     assert file.parent != maps.SHIPPED
     rng = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""Suites: conditions that can be placed, ceilings on made-up tables, shares of head-room, and scenes that are shut."""
+"""Suites: conditions that can be placed, ceilings on made-up tables, shares of head-room, scenes of one suite alone."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from rich.console import Console
 
 from benchmark import show
 from benchmark.ceilings import CeilingsConfig
-from benchmark.episodes.arm import arm_columns, chosen_arms, suite_arms
+from benchmark.episodes.arm import arm_columns
 from benchmark.scoring.ceiling import Ceiling, ceiling, cross_validated, read_ceilings, save_ceilings
 from benchmark.scoring.statistics import Crossed, clustered_ratio
 from benchmark.scoring.suite_ranking import (
@@ -24,28 +24,26 @@ from benchmark.scoring.suite_ranking import (
 from benchmark.scoring.suite_table import by_condition, gains_text, show_suite, standings, suite_table, suite_text
 from benchmark.settings.config import ConditionConfig, OracleConfig, RunConfig
 from benchmark.settings.robot_config import ArmConfig
-from benchmark.settings.scenes import PAPER, SEALED, TABLES, VALIDATION
+from benchmark.settings.scenes import PAPER, RANKING, TABLES, VALIDATION
 from benchmark.settings.setting import SettingError
 from benchmark.settings.suite import SUITES, suite_conditions, suite_scenes
 from benchmark.studies.suite_candidates import verdict
-from benchmark.sweeps.chosen_players import chosen_checkpoints, chosen_players
+from benchmark.sweeps.chosen_players import chosen_players
 from envs.block_push.arm import block_push_arm
-from envs.block_push.task import BLOCK_PUSH
-from envs.press_buttons.task import PRESS_BUTTONS
 from tests.made_up_episodes import CONDITION, episode
 
 NAMES = sorted(file.stem for file in SUITES.glob("*.yaml"))
 
 
 def test_blocks_of_scenes_do_not_overlap():
-    blocks = [{*block} for block in (VALIDATION, PAPER, TABLES, SEALED)]
+    blocks = [{*block} for block in (VALIDATION, PAPER, TABLES, RANKING)]
     assert len(set.union(*blocks)) == sum(map(len, blocks))
 
 
 @pytest.mark.parametrize("first, count", [(160_000, 1), (159_990, 20), (160_099, 5), (150_000, 20_000)])
-def test_sealed_scenes_are_refused(first, count):
+def test_scenes_of_the_ranking_are_refused_elsewhere(first, count):
     for config in (RunConfig, OracleConfig):
-        with pytest.raises(SettingError, match="scenes 160000 to 160099 are shut"):
+        with pytest.raises(SettingError, match="scenes 160000 to 160099 are those of suite=full alone"):
             config(seed_start=first, episodes=count)
         assert config(seed_start=160_100, episodes=50).seed_start == 160_100
 
@@ -53,7 +51,11 @@ def test_sealed_scenes_are_refused(first, count):
 @pytest.mark.parametrize("suite", NAMES)
 def test_a_suite_has_conditions_that_differ(suite):
     conditions = suite_conditions(suite)
-    assert len({repr((each.robot, each.setting, each.arm)) for each in conditions.values()}) == len(conditions) >= 5
+    assert (
+        len({repr((each.task, each.robot, each.setting, each.arm)) for each in conditions.values()})
+        == len(conditions)
+        >= 5
+    )
 
 
 def test_the_quick_suite_is_small_and_spread_and_on_validation_scenes():
@@ -76,24 +78,21 @@ def test_a_suite_of_validation_scenes_stands_on_no_leaderboard(tmp_path):
     for suite in ("official", "quick"):
         made = {name: ceiling(DIRECT, "p2") for name in suite_conditions(suite)}
         save_ceilings(tmp_path / "suites" / suite / "ceilings.json", made, {})
-    assert standings(tmp_path, rows, BLOCK_PUSH) == []
+    assert standings(tmp_path, "block_push", lambda task: rows) == []
     later = {name: replace(each, scenes=tuple(TABLES[:4])) for name, each in made.items()}
     save_ceilings(tmp_path / "suites" / "official" / "ceilings.json", {"ur3": next(iter(later.values()))}, {})
-    (of,) = standings(tmp_path, rows.assign(episode_seed=rows.episode_seed + 100_000), BLOCK_PUSH)
-    assert of.suite == "official" and not of.ranks and of.methods == [("reorder", 0.01)]
-    assert "| ur3 " in gains_text(of, BLOCK_PUSH) and "+25.0 [" in gains_text(of, BLOCK_PUSH)
+    later_rows = rows.assign(episode_seed=rows.episode_seed + 100_000)
+    (of,) = standings(tmp_path, "block_push", lambda task: later_rows)
+    assert of.suite == "official" and not of.ranks and of.methods.method.tolist() == ["reorder"]
+    assert "| ur3 " in gains_text(of) and "+25.0 [" in gains_text(of)
+    assert standings(tmp_path, "press_buttons", lambda task: later_rows) == []
 
 
 def test_whoever_is_asked_for_plays_on_every_condition():
     few = {name: suite_conditions("push-v1")[name] for name in ("ur3-near-8cm", "ur10-out")}
     for method, scale in (("plain_oracle", 0.0), ("direct", 0.0)):
         asked = RunConfig(method=method, guidance_scale=scale, seeds=[42], suite="push-v1", conditions=few)
-        arms = chosen_arms(asked, BLOCK_PUSH)
-        played = [
-            each.condition
-            for each in chosen_players(asked, BLOCK_PUSH, arms.values(), chosen_checkpoints(asked), Console(quiet=True))
-        ]
-        assert [*arms] == [*few]
+        played = [each.condition for each in chosen_players(asked, Console(quiet=True))]
         assert [(each.robot, each.method) for each in played] == [("ur3", method), ("ur10", method)]
 
 
@@ -156,14 +155,14 @@ def test_frozen_ceilings_come_back(tmp_path):
     assert read_ceilings(tmp_path / "ceilings.json") == made and read_ceilings(tmp_path / "none.json") == {}
 
 
-TWO = {"a": ConditionConfig(), "b": ConditionConfig(saturated=True)}
+TWO = {"a": ConditionConfig(task="block_push"), "b": ConditionConfig(task="block_push", saturated=True)}
 BOTH = pd.concat([DIRECT, METHOD], ignore_index=True)
 OF_TWO = {"a": BOTH, "b": BOTH.assign(p2=BOTH.p2 & (BOTH.method == "direct"))}
 
 
 def ranking(tables, conditions, ceilings):
     counted = [name for name, condition in conditions.items() if not condition.saturated]
-    return suite_ranking(method_pairs(tables, conditions, ceilings, BLOCK_PUSH), counted).set_index("method")
+    return suite_ranking(method_pairs(tables, conditions, ceilings), counted).set_index("method")
 
 
 def test_the_share_of_head_room():
@@ -172,9 +171,9 @@ def test_the_share_of_head_room():
     assert found.share["direct"] == 0 and found.share["reorder"] == pytest.approx(3 / 4)  # 3 of 12 gained, 4 to gain.
     assert found.gain["reorder"] == found.worst["reorder"] == pytest.approx(3 / 12) and found.worst_on["reorder"] == "a"
     assert found.harm["reorder"] == pytest.approx(-5 / 12) and found.harm_on["reorder"] == "b"
-    at_once = suite_table(OF_TWO, TWO, ceilings, BLOCK_PUSH)
+    at_once = suite_table(OF_TWO, TWO, ceilings)
     assert at_once.query("condition == 'a' and method == 'reorder'").difference.item() == pytest.approx(0.25)
-    assert "| 75.0 [" in ranking_text(found.reset_index()) and "+25.0 [" in suite_text(at_once, BLOCK_PUSH)
+    assert "| 75.0 [" in ranking_text(found.reset_index()) and "+25.0 [" in suite_text(at_once)
     beyond = {"a": replace(ceilings["a"], values=("1100", "1000", "1110"))}
     assert ranking(OF_TWO, TWO, beyond).share.max() == pytest.approx(3)
 
@@ -192,7 +191,7 @@ def many(seed=0, conditions=4, scenes=40):
         ceilings[f"c{i}"] = Ceiling(
             tuple(range(50_000, 50_000 + scenes)), ("seed42-1", "seed43-1", "seed44-1"), ones, {}
         )
-    return tables, dict.fromkeys(tables, ConditionConfig()), ceilings
+    return tables, dict.fromkeys(tables, ConditionConfig(task="block_push")), ceilings
 
 
 def test_direct_closes_nothing_and_what_reaches_the_ceiling_everything():
@@ -322,11 +321,16 @@ def on_arm(rows):
 
 
 def test_rows_find_their_condition():
-    conditions = {"here": ConditionConfig("ur3"), "near": ConditionConfig("ur3", arm=ArmConfig(base=[0.1, 0.0, 0.0]))}
+    near = ArmConfig(base=[0.1, 0.0, 0.0])
+    conditions = {
+        "here": ConditionConfig("ur3", "block_push"),
+        "near": ConditionConfig("ur3", "block_push", arm=near),
+        "other": ConditionConfig("ur3", "press_buttons"),
+    }
     rows = on_arm(DIRECT)
     there = rows.assign(base_x=0.1)[:3]
-    found = by_condition(pd.concat([rows, there], ignore_index=True), suite_arms(conditions, BLOCK_PUSH))
-    assert len(found["here"]) == 12 and len(found["near"]) == 3
+    found = by_condition(pd.concat([rows, there], ignore_index=True), conditions)
+    assert len(found["here"]) == 12 and len(found["near"]) == 3 and found["other"].empty
 
 
 def test_a_ceiling_knows_its_scenes():
@@ -351,4 +355,4 @@ def test_rows_of_a_suite_are_shown_by_condition(tmp_path, capsys):
     assert "| ur3         | reorder  | 0.01 | 12  | 66.7 [" in shown and "+25.0 [" in shown
     conditions = suite_conditions("buttons-v1")
     with pytest.raises(SettingError, match="no episodes of the conditions of suite=buttons-v1"):
-        show_suite("buttons-v1", conditions, suite_arms(conditions, PRESS_BUTTONS), on_arm(DIRECT), {}, PRESS_BUTTONS)
+        show_suite("buttons-v1", conditions, on_arm(DIRECT), {})

@@ -21,17 +21,15 @@ from rich.console import Console
 
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.artifacts.maps import energy_field
-from benchmark.episodes.arm import chosen_arms
 from benchmark.episodes.table import read_episodes
 from benchmark.settings import command
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.robot_config import RobotConfig
-from benchmark.sweeps.chosen_players import chosen_checkpoints, chosen_players
+from benchmark.sweeps.chosen_players import chosen_players
 from benchmark.sweeps.job import guides_source, job_name
 from benchmark.sweeps.sweep import count_jobs
-from envs.block_push.task import BLOCK_PUSH
 from richmap.robots.robots import load_robot
 from tests.reach_point import save_policy
 
@@ -117,10 +115,7 @@ def scales(folder, **chosen):
 
 def with_scale(config):
     """The scale at which a run's settings guide."""
-    arms = chosen_arms(config, BLOCK_PUSH).values()
-    return chosen_players(config, BLOCK_PUSH, arms, chosen_checkpoints(config), Console(quiet=True))[
-        -1
-    ].condition.guidance_scale
+    return chosen_players(config, Console(quiet=True))[-1].condition.guidance_scale
 
 
 def test_the_scale_is_the_one_chosen_for_the_task(tmp_path):

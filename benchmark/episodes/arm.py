@@ -8,6 +8,7 @@ import numpy as np
 
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import ConditionConfig, OracleConfig, RunConfig
+from benchmark.settings.task import chosen_task
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -53,22 +54,23 @@ def chosen_arm(config: RunConfig | OracleConfig | ConditionConfig, task: "Task")
         raise SettingError(f"arm: {error}") from error
 
 
-def suite_arms(conditions: Mapping[str, ConditionConfig], task: "Task") -> "dict[str, PlacedArm]":
+def suite_arms(conditions: Mapping[str, ConditionConfig]) -> "dict[str, PlacedArm]":
     """The arm of each condition of a suite, by the condition's name.
 
     Raises:
-        SettingError: If one cannot hold its tool over the task's start so.
+        SettingError: If one cannot hold its tool over its task's start so.
     """
-    return {name: chosen_arm(condition, task) for name, condition in conditions.items()}
+    return {name: chosen_arm(condition, chosen_task(condition.task)) for name, condition in conditions.items()}
 
 
-def chosen_arms(config: RunConfig, task: "Task") -> "dict[str, PlacedArm]":
-    """The arms of a run: of its suite, or the one that settings describe, by the robot's name.
+def chosen_arms(config: RunConfig) -> "list[PlacedArm]":
+    """The arms of a run of one task: of its suite, or the one that settings describe.
 
     Raises:
         SettingError: If one cannot hold its tool over the task's start so.
     """
-    return suite_arms(config.conditions, task) or {config.robot.name: chosen_arm(config, task)}
+    task = chosen_task(config.task)
+    return [chosen_arm(each, task) for each in config.conditions.values()] or [chosen_arm(config, task)]
 
 
 def arm_columns(arm: "PlacedArm") -> dict[str, Any]:

@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.settings.recipe import USUAL
 from benchmark.settings.scenes import FIRST_TEST_SEED
 from benchmark.settings.setting import SettingError
+from benchmark.settings.task import chosen_task
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -70,4 +71,9 @@ def read_boards(folder: Path, task: "Task", recipe: str = USUAL, protocols: Sequ
             f"table of episodes under {folder}. Make some: python -m benchmark.run protocol=strict robot=ur3 "
             f"recipe={recipe}. For a table of any other rows: python -m benchmark.show table={folder}"
         )
-    return Boards(tables, standings(folder, episodes, task) if recipe == USUAL and not protocols else [])
+
+    @cache
+    def read(name: str) -> "pd.DataFrame":
+        return episodes if name == task.name else read_checked(folder, chosen_task(name), FIRST_TEST_SEED)
+
+    return Boards(tables, standings(folder, task.name, read) if recipe == USUAL and not protocols else [])

@@ -59,7 +59,7 @@ def page(
     commits = sorted({commit for row in rows for commit in row["commits"]})
     data = {
         "rows": rows,
-        "suites": [suite(standing, task) for standing in standings],
+        "suites": [suite(standing) for standing in standings],
         "protocols": {
             protocol.name: {"scores": protocol.scores, "text": PROTOCOL_TEXTS[protocol.name].replace("`", "")}
             for protocol in tables
@@ -81,37 +81,36 @@ def page(
     return re.sub(r"{{(\w+)}}", lambda place: filled[place[1]], TEMPLATE.read_text())
 
 
-def suite(of: "Standing", task: "Task") -> dict[str, Any]:
+def suite(of: "Standing") -> dict[str, Any]:
     """How methods rank on a suite and what they gain on each of its conditions, as the page holds it.
 
     `conditions` has what there is to know of each, with the score that ranks of direct transfer and the ceiling, by the
     names of its columns; `methods` those of the ranking, with their gains by condition.
     """
-    name = task.ranking[0]
-    cells = [
-        row | {"score": row[name], "score_low": row[f"{name}_low"], "score_high": row[f"{name}_high"]}
-        for row in json.loads(of.table.to_json(orient="records", double_precision=6))
-    ]
-    direct = {cell["condition"]: cell for cell in cells if cell["method"] == DIRECT}
+    direct = {cell["condition"]: cell for cell in _records(of.table) if cell["method"] == DIRECT}
     conditions = [
         {"name": key, "robot": condition.robot, "cause": condition.cause, "saturated": condition.saturated}
         | direct[key]
         for key, condition in of.conditions.items()
         if key in direct
     ]
-    ranked = json.loads(of.ranking.to_json(orient="records", double_precision=6))
     methods = [
-        row
-        | {"needs": needs_text(row["method"])}
-        | {"gains": {cell["condition"]: cell for cell in cells if _key(cell) == _key(row)}}
-        for row in ranked
-        if _key(row) in of.methods
+        record | {"needs": needs_text(row.method), "gains": _gains(of, row)}
+        for record, (_, row) in zip(_records(of.methods), of.methods.iterrows(), strict=True)
     ]
     return {"name": of.suite, "ranks": of.ranks, "conditions": conditions, "methods": methods, "said": of.remarks}
 
 
-def _key(row: dict[str, Any]) -> tuple[str, float]:
-    return row["method"], row["lambda"]
+def _gains(of: "Standing", method: "pd.Series") -> dict[str, dict[str, Any]]:
+    """What a method gains on each condition that it has rows of, by the condition's name."""
+    import pandas as pd
+
+    cells = [cell for name in of.conditions if (cell := of.cell(method, name)) is not None]
+    return {row["condition"]: row for row in _records(pd.DataFrame(cells))}
+
+
+def _records(table: "pd.DataFrame") -> list[dict[str, Any]]:
+    return json.loads(table.to_json(orient="records", double_precision=6))
 
 
 def scenes(folder: Path) -> list[dict[str, Any]]:

@@ -51,7 +51,7 @@ def markdown(
     parts = [TEXT.format(setting=" ".join(["", *given]))]
     for of in standings:
         parts += [RANKED_TEXT, f"### Suite `{of.suite}`", *of.text] if of.ranks else [f"## Suite `{of.suite}`"]
-        parts += [GAINS_TEXT, gains_text(of, task)]
+        parts += [GAINS_TEXT, gains_text(of)]
     for protocol, table in tables.items():
         if protocol == PAPER:
             parts += ["## Beside the paper's Table 3", PROTOCOL_TEXTS[PAPER.name], PAPER_TEXT]

@@ -1,6 +1,7 @@
 """One number for each method on a suite, the share of head-room that it closes, and what has to be known beside it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,13 +10,13 @@ from scipy.stats import trim_mean
 
 from benchmark.scoring.ceiling import PLAIN, PLANNER, Ceiling
 from benchmark.scoring.statistics import Crossed, clustered_difference, clustered_ratio
-from benchmark.settings.config import ConditionConfig
+from benchmark.settings.chosen_scales import read_scales, scales_file
+from benchmark.settings.config import ConditionConfig, RunConfig, unfit
+from benchmark.settings.task import chosen_task
 from policies.methods import DIRECT, METHODS
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from envs.task import Task
 
 REFERENCES = (DIRECT, PLANNER, PLAIN)
 """What methods are compared with, and has no rank."""
@@ -30,7 +31,6 @@ def method_pairs(
     tables: "Mapping[str, pd.DataFrame]",
     conditions: Mapping[str, ConditionConfig],
     ceilings: Mapping[str, Ceiling],
-    task: "Task",
 ) -> "pd.DataFrame":
     """Each row of a method beside direct transfer's of the same policy and scene.
 
@@ -38,17 +38,18 @@ def method_pairs(
         tables: Rows of each condition (`benchmark.scoring.suite_table.by_condition`).
         conditions: The suite's.
         ceilings: Of its conditions, frozen.
-        task: What the rows are of.
 
     Returns:
-        `method`, `lambda`, `condition`, `saturated`, `checkpoint`, `episode_seed`, the `score` that ranks, the `gain`
-        over direct transfer, and the `room` that the ceiling leaves above it, NaN where none is frozen for the scene;
-        `whole`, whether the method has all rows that direct transfer has on this condition.
+        `method`, `lambda`, `task`, `condition`, `saturated`, `checkpoint`, `episode_seed`, the `score` that ranks, the
+        `gain` over direct transfer, and the `room` that the ceiling leaves above it, NaN where none is frozen for the
+        scene; `whole`, whether the method has all rows that direct transfer has on this condition.
     """
     import pandas as pd
 
-    name, parts = task.ranking[0], []
+    parts = []
     for condition, rows in ((condition, rows) for condition, rows in tables.items() if len(rows)):
+        task = conditions[condition].task
+        name = chosen_task(task).ranking[0]
         few = rows[[*PAIR, "method", "lambda"]].assign(score=rows[name].astype(float))
         direct = few[few.method == DIRECT].set_index(PAIR).score.rename("direct")
         pairs = few.join(direct, on=PAIR, how="inner")
@@ -58,13 +59,17 @@ def method_pairs(
             reached = pd.Series(of_ceiling.values, [of_ceiling.trainings, of_ceiling.episodes])
             pairs["room"] = reached.reindex(pd.MultiIndex.from_frame(pairs[PAIR])).to_numpy() - pairs.direct
         pairs["whole"] = pairs.groupby(["method", "lambda"]).score.transform("size") == len(direct)
-        about = {"condition": condition, "saturated": conditions[condition].saturated}
+        about = {"task": task, "condition": condition, "saturated": conditions[condition].saturated}
         parts.append(pairs.assign(**about, gain=pairs.score - pairs.direct))
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
 
 
 def suite_ranking(pairs: "pd.DataFrame", counted: Sequence[str]) -> "pd.DataFrame":
-    r"""A row for each method and scale, the best first.
+    r"""A row for each method and scale, the best first; of several tasks a method has a scale for each, and every
+    combination of those that there are is a row.
+
+    `scales` has the scale by task, `lambda` is the same as a text. Where a method cannot act in a task, or was chosen
+    not to, it counts as direct transfer there, and has no scale.
 
     `share` is :math:`\sum (s - s_0) / \sum (c - s_0)` over the counted conditions, with the method's score s, direct
     transfer's :math:`s_0` and the ceiling c, of the same policies on the same scenes; with its interval for other
@@ -84,9 +89,13 @@ def suite_ranking(pairs: "pd.DataFrame", counted: Sequence[str]) -> "pd.DataFram
     import pandas as pd
 
     shown, of_ranked = [], {}
-    for (method, scale), group in pairs.groupby(["method", "lambda"], sort=True):
-        of_room = group[group.condition.isin(counted)]
-        row = {"method": method, "lambda": scale} | _least(group[group.saturated], "harm") | _least(of_room, "worst")
+    for method, scales, group in _variants(pairs):
+        of_room, scale = group[group.condition.isin(counted)], scales_text(scales, [*dict.fromkeys(pairs.task)])
+        row = (
+            {"method": method, "lambda": scale, "scales": scales}
+            | _least(group[group.saturated], "harm")
+            | _least(of_room, "worst")
+        )
         share, middle, gain = (np.nan,) * 3, np.nan, (np.nan,) * 3
         if counted and {*of_room.condition} == {*counted} and of_room.whole.all():
             gain = clustered_difference(_crossed(of_room.groupby(PAIR).gain.mean()))
@@ -102,6 +111,32 @@ def suite_ranking(pairs: "pd.DataFrame", counted: Sequence[str]) -> "pd.DataFram
         shown.append(row | {"middle": middle})
     table = pd.DataFrame(shown).sort_values("gain", ascending=False, ignore_index=True, kind="stable")
     return table.merge(_places(of_ranked), on=["method", "lambda"], how="left")
+
+
+def _variants(pairs: "pd.DataFrame") -> "Iterator[tuple[str, dict[str, float], pd.DataFrame]]":
+    """Each method with its scale by task, and its rows, with direct transfer's where it cannot act, or was chosen not
+    to (scale 0)."""
+    import pandas as pd
+
+    tasks, direct = [*dict.fromkeys(pairs.task)], pairs[pairs.method == DIRECT]
+    for method, rows in pairs.groupby("method", sort=True):
+        tried = {task: sorted({*of_task["lambda"]}) for task, of_task in rows.groupby("task", sort=False)}
+        idle = [task for task in tasks if task not in tried and _idle(str(method), task)]
+        beside = direct[direct.task.isin(idle)]
+        for scales in (dict(zip(tried, each, strict=True)) for each in product(*tried.values())):
+            chosen = rows[rows["lambda"] == rows.task.map(scales)]
+            yield str(method), scales, pd.concat([chosen, beside], ignore_index=True) if len(beside) else chosen
+
+
+def _idle(method: str, task: str) -> bool:
+    """Whether a method does nothing in a task: it cannot act there, or "off" did best on validation scenes."""
+    chosen = read_scales(scales_file(RunConfig.scales_dir, chosen_task(task).name)).get(method)
+    return bool(unfit(method, chosen_task(task))) or (chosen is not None and chosen["scale"] == 0)
+
+
+def scales_text(scales: Mapping[str, float], tasks: Sequence[str]) -> str:
+    """A method's scale, or its scales in the order of the tasks."""
+    return ", ".join(f"{scales[task]:g}" if task in scales else "-" for task in tasks)
 
 
 def interquartile_mean(values: Float[np.ndarray, " n"]) -> float:
@@ -129,7 +164,7 @@ def probability_of_improvement(x: "pd.DataFrame", y: "pd.DataFrame") -> float:
     return float(np.mean(chances))
 
 
-def _places(ranked: "Mapping[tuple[str, float], pd.DataFrame]") -> "pd.DataFrame":
+def _places(ranked: "Mapping[tuple[str, str], pd.DataFrame]") -> "pd.DataFrame":
     """Rank of each, chance of being better than the next, and whether halves of the scenes disagree on the first."""
     import pandas as pd
 
@@ -152,7 +187,7 @@ def _places(ranked: "Mapping[tuple[str, float], pd.DataFrame]") -> "pd.DataFrame
     return pd.DataFrame(rows, columns=["method", "lambda", "rank", "tied", "even", "odd", "better"])
 
 
-def _order(ranked: "Mapping[tuple[str, float], pd.DataFrame]", halves: tuple[int, ...]) -> list[tuple[str, float]]:
+def _order(ranked: "Mapping[tuple[str, str], pd.DataFrame]", halves: tuple[int, ...]) -> list[tuple[str, str]]:
     """The methods by their gain on scenes whose seed is even (0) or odd (1), or either."""
     gains = {key: rows.gain[(rows.episode_seed % 2).isin(halves)].mean() for key, rows in ranked.items()}
     return sorted(gains, key=lambda key: -gains[key])
@@ -185,7 +220,7 @@ def ranking_text(table: "pd.DataFrame") -> str:
             {
                 "rank": rank,
                 "method": row.method,
-                "λ": f"{row['lambda']:g}",
+                "λ": row["lambda"],
                 "share of head-room closed": shares[0],
                 "interquartile mean": shares[1],
                 "mean gain": difference_text(row, "gain"),

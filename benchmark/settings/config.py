@@ -3,10 +3,11 @@
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from benchmark.settings.chosen_scales import read_scales, scales_file
 from benchmark.settings.limits import memory
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_folder
@@ -15,7 +16,7 @@ from benchmark.settings.robot_config import SETTINGS, ArmConfig, RobotConfig, ro
 from benchmark.settings.scenes import VALIDATION, check_scenes
 from benchmark.settings.setting import SettingError, check_setting
 from benchmark.settings.task import chosen_task
-from policies.methods import METHODS, said_of_each
+from policies.methods import DIRECT, METHODS, said_of_each
 from richmap.robots import ROBOTS
 
 if TYPE_CHECKING:
@@ -37,6 +38,8 @@ class ConditionConfig:
 
     robot: str = "ur3"
     """One of those that ship."""
+    task: str = ""
+    """What is to be done there; empty for what the suite says once for all conditions."""
     setting: str = "embodied"
     """What it may do (see benchmark.run)."""
     arm: ArmConfig = field(default_factory=ArmConfig)
@@ -87,6 +90,16 @@ class LimitsConfig:
         check_setting(0.5 <= self.memory <= memory(), "limits.memory", self.memory, most)
 
 
+def unfit(method: str, task: "Task") -> str:
+    """Why a method cannot act in a task, in words; empty if it can."""
+    if method not in METHODS:
+        return ""
+    if why := METHODS[method].refusal(task.space):
+        return why
+    imagines = METHODS[method].imagines and task.model is None
+    return f"it imagines episodes, and {task.name} has no model to do that with" if imagines else ""
+
+
 def check_method(name: str, setting: str, methods: Iterable[str], task: "Task") -> None:
     """Raise `SettingError` unless this is one of these methods and acts in the task, or a class in a file that is
     there."""
@@ -94,10 +107,8 @@ def check_method(name: str, setting: str, methods: Iterable[str], task: "Task") 
         check_setting(name in methods, setting, name, f"{', '.join(methods)}, or a class in a file, as in mine.py:Mine")
     elif not Path(file := name.rpartition(":")[0]).is_file():
         raise SettingError(f"{setting}={name}: there is no file {file}.")
-    if name in METHODS and (why := METHODS[name].refusal(task.space)):
+    if why := unfit(name, task):
         raise SettingError(f"{setting}={name}: {why}.")
-    if name in METHODS and METHODS[name].imagines and task.model is None:
-        raise SettingError(f"{setting}={name}: it imagines episodes, and {task.name} has no model to do that with.")
 
 
 @dataclass
@@ -118,8 +129,9 @@ class RunConfig:
     (its code is run, in a process of its own); or plain_oracle or aware_oracle, scripted ones in place of a policy."""
     suite: str = ""
     """Conditions on all of which the method is rolled out, at its chosen scale, in place of robot, setting and arm:
-    quick (five conditions and one policy, for a first look), push-v1 (conditions with head-room), official (four arms,
-    embodied and best) or buttons-v1 (pressing buttons); a file of conf/suite each."""
+    quick (five conditions and one policy, for a first look), all-v1 (twenty conditions of both tasks), full (these on
+    the scenes of the ranking), push-v1 (block push), buttons-v1 (pressing buttons) or official (the paper's four arms,
+    embodied and best); a file of conf/suite each."""
     seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
     """With suite=: training seeds of the policies, in place of seed."""
     conditions: dict[str, ConditionConfig] = field(default_factory=dict)
@@ -151,8 +163,8 @@ class RunConfig:
     """Where the policy runs: cpu, cuda, or auto (cuda if there is one)."""
     seed_start: int = VALIDATION.start
     """Seed of the first episode: from 50000 to 59999 are validation episodes, for every choice; from 100000 on test
-    episodes, for final figures: protocol=paper takes 50 from 100000 on, tables those from 150000 to 150099; 160000 to
-    160099 are shut (docs/protocol.md)."""
+    episodes, for final figures: protocol=paper takes 50 from 100000 on, tables those from 150000 to 150099, and
+    suite=full those from 160000 to 160099 (docs/protocol.md)."""
     sampler: str = "DDIM"
     """Sampler of the diffusion policy: DDIM or DDPM."""
     sampling_steps: int = 10
@@ -170,7 +182,9 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         scale = self.guidance_scale
-        check_method(self.method, "method", [*METHODS, *ORACLE_METHODS.values()], chosen_task(self.task))
+        tasks = [chosen_task(name) for name in self.tasks]
+        for_any = next((task for task in tasks if not unfit(self.method, task)), tasks[0])
+        check_method(self.method, "method", [*METHODS, *ORACLE_METHODS.values()], for_any)
         check_setting(bool(self.conditions) or not self.suite, "suite", self.suite, "a file of conf/suite")
         if scale is not None:
             check_setting(math.isfinite(scale) and scale >= 0, "lambda", scale, "any number >= 0, or null")
@@ -185,13 +199,40 @@ class RunConfig:
         check_recipe(self.recipe)
         covered = scale == 0 or self.map.half_width >= 0.8
         check_setting(covered, "map.half_width", self.map.half_width, "0.8 or more, so that the field covers the table")
-        check_scenes(self.seed_start, self.episodes)
+        check_scenes(self.seed_start, self.episodes, self.suite)
         check_folder(self.output_dir)
         check_setting(self.setting in SETTINGS, "setting", self.setting, ", ".join(SETTINGS))
         check_setting(self.device in ("cpu", "cuda", "auto"), "device", self.device, "cpu, cuda, auto")
         check_setting(self.sampler in ("DDIM", "DDPM"), "sampler", self.sampler, "DDIM, DDPM")
         steps = self.sampling_steps
         check_setting(1 <= steps <= 100, "sampling_steps", steps, "a whole number from 1 to 100")
+
+    @property
+    def tasks(self) -> list[str]:
+        """What is done: on the conditions of a suite, each once, or the one task."""
+        return [*dict.fromkeys(each.task or self.task for each in self.conditions.values())] or [self.task]
+
+    @property
+    def parts(self) -> "list[RunConfig]":
+        """A run for each task. Of several, each has a folder of its own in `output_dir`; in a task in which the method
+        does not act (`idle`), its part is direct transfer, unless it acts in none."""
+        parts, acts = [], not all(self.idle(name) for name in self.tasks)
+        for name in self.tasks:
+            given: dict[str, Any] = {"method": DIRECT, "guidance_scale": 0.0} if acts and self.idle(name) else {}
+            if len(self.tasks) > 1:
+                given["output_dir"] = str(Path(self.output_dir, chosen_task(name).name))
+            conditions = {key: each for key, each in self.conditions.items() if (each.task or self.task) == name}
+            parts.append(replace(self, task=name, conditions=conditions, **given))
+        return parts
+
+    def idle(self, task: str) -> str:
+        """Why the method does not act in a task, in words: it cannot, or no scale of it was chosen; empty if it
+        does."""
+        if why := unfit(self.method, chosen_task(task)):
+            return why
+        file = scales_file(self.scales_dir, chosen_task(task).name)
+        asked = self.guidance_scale is None and self.method in METHODS and self.method != DIRECT
+        return f"{file} has no scale of {self.method}" if asked and self.method not in read_scales(file) else ""
 
 
 @dataclass

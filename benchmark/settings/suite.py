@@ -1,5 +1,6 @@
 """A suite: named conditions, on all of which a method is rolled out. Each is a file of `conf/suite/`."""
 
+from collections.abc import Mapping
 from typing import cast
 
 from omegaconf import DictConfig, OmegaConf
@@ -18,25 +19,22 @@ def suites() -> list[str]:
 
 
 def suite_conditions(name: str) -> dict[str, ConditionConfig]:
-    """The conditions of a suite by their names, in the order in which they are shown.
+    """The conditions of a suite by their names, in the order in which they are shown; each says its task.
 
     Raises:
         SettingError: If there is no such suite.
     """
-    usual = OmegaConf.structured(ConditionConfig)
+    said = _suite(name)
+    usual = OmegaConf.structured(ConditionConfig(task=said.get("task", RunConfig.task)))
     return {
-        str(condition): cast(ConditionConfig, OmegaConf.to_object(OmegaConf.merge(usual, said)))
-        for condition, said in _suite(name).conditions.items()
+        str(condition): cast(ConditionConfig, OmegaConf.to_object(OmegaConf.merge(usual, values)))
+        for condition, values in said.conditions.items()
     }
 
 
-def suite_task(name: str) -> str:
-    """What is done on all conditions of a suite.
-
-    Raises:
-        SettingError: If there is no such suite.
-    """
-    return str(_suite(name).get("task", RunConfig.task))
+def tasks_of(conditions: Mapping[str, ConditionConfig]) -> list[str]:
+    """The tasks of conditions that say theirs, each once, in the order in which they come."""
+    return [*dict.fromkeys(condition.task for condition in conditions.values())]
 
 
 def suite_scenes(name: str) -> range:
@@ -50,6 +48,9 @@ def suite_scenes(name: str) -> range:
 
 
 def _suite(name: str) -> DictConfig:
+    """What a suite's file says, with what those say that it begins from (Hydra's `defaults`)."""
     if name not in suites():
         raise SettingError(f"suite={name} is not allowed. Allowed: {', '.join(suites())}.")
-    return cast(DictConfig, OmegaConf.load(SUITES / f"{name}.yaml"))
+    said = cast(DictConfig, OmegaConf.load(SUITES / f"{name}.yaml"))
+    begun = [_suite(each) for each in said.pop("defaults", []) if each != "_self_"]
+    return cast(DictConfig, OmegaConf.merge(*begun, said))

@@ -81,7 +81,6 @@ def direct_transfer(config: ReadCausesConfig) -> "pd.DataFrame":
     """
     import pandas as pd
 
-    from benchmark.episodes.arm import suite_arms
     from benchmark.episodes.table import read_present
     from benchmark.scoring.suite_table import by_condition
 
@@ -93,7 +92,7 @@ def direct_transfer(config: ReadCausesConfig) -> "pd.DataFrame":
             f"table={config.table} holds no episodes of direct transfer. Roll them out: python -m benchmark.run "
             f"suite={config.suite} method=direct"
         )
-    tables = by_condition(rows, suite_arms(suite_conditions(config.suite), task))
+    tables = by_condition(rows, suite_conditions(config.suite))
     return pd.concat([table.assign(condition=name) for name, table in tables.items()], ignore_index=True)
 
 

@@ -1,4 +1,4 @@
-"""Makes the scalar fields that ship, those of the suites' conditions, so that nobody waits for maps.
+"""Makes the scalar fields that ship, those of the suites' conditions of block push, so that nobody waits for maps.
 
 python -m benchmark.studies.shipped_fields
 """
@@ -9,17 +9,19 @@ from dataclasses import dataclass, field, fields
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_folder
-from benchmark.settings.suite import suite_conditions, suite_task, suites
+from benchmark.settings.suite import suite_conditions, suites
 from benchmark.settings.task import chosen_task
+from policies.methods import METHODS
 
 KINDS = ("feasibility", "energy")
 
 
 @dataclass
 class ShippedFieldsConfig:
-    """Makes fields with the usual settings of maps and of the energy, from the cache where they are there."""
+    """Makes fields with the usual settings of maps and of the energy, from the cache where they are there; those that
+    ship already stay."""
 
-    suites: list[str] = field(default_factory=lambda: ["push-v1", "official", "quick"])
+    suites: list[str] = field(default_factory=lambda: ["push-v1", "official", "quick", "full"])
     """Whose conditions, as in suites=[quick]."""
     kinds: list[str] = field(default_factory=lambda: [*KINDS])
     """Kinds of field, as in kinds=[energy]."""
@@ -51,12 +53,19 @@ def main(config: ShippedFieldsConfig) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for kind in config.kinds:
         for suite in config.suites:
-            for name, arm in suite_arms(suite_conditions(suite), chosen_task(suite_task(suite))).items():
-                made = guidance_field(kind, arm, MapConfig(rebuild=True), EnergyConfig(), config.workers, console)
-                assert made[1] is not None
-                with replacing(folder / made[1].name) as path:
-                    shutil.copyfile(made[1], path)
-                console.print(f"{suite}, {name}: {made[1].name}, {made[1].stat().st_size // 1000} kB", soft_wrap=True)
+            conditions = {name: each for name, each in suite_conditions(suite).items() if one_height(each.task)}
+            for name, arm in suite_arms(conditions).items():
+                _, file = guidance_field(kind, arm, MapConfig(), EnergyConfig(), config.workers, console)
+                assert file is not None
+                if not (folder / file.name).exists():
+                    with replacing(folder / file.name) as path:
+                        shutil.copyfile(file, path)
+                    console.print(f"{suite}, {name}: {file.name}, {file.stat().st_size // 1000} kB", soft_wrap=True)
+
+
+def one_height(task: str) -> bool:
+    """Whether the arm holds its tool upright at one height in a task, which what it can hold there is a field of."""
+    return not METHODS["feasibility"].refusal(chosen_task(task).space)
 
 
 if __name__ == "__main__":

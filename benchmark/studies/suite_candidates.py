@@ -74,14 +74,13 @@ def candidates(rows: "pd.DataFrame", conditions: dict[str, ConditionConfig], tas
     """A row for each condition of which there are rows of direct transfer."""
     import pandas as pd
 
-    from benchmark.episodes.arm import suite_arms
     from benchmark.scoring.ceiling import ceiling
     from benchmark.scoring.scores import causes_text, with_interval
     from benchmark.scoring.statistics import Crossed, clustered_mean
     from benchmark.scoring.suite_table import by_condition
 
     shown = []
-    for name, table in by_condition(rows, suite_arms(conditions, task)).items():
+    for name, table in by_condition(rows, conditions).items():
         direct = table[table.method == "direct"]
         if direct.empty:
             continue

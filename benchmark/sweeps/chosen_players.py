@@ -4,14 +4,16 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from benchmark.artifacts.known_policies import chosen_checkpoint
+from benchmark.episodes.arm import chosen_arms
 from benchmark.rollouts.arm_oracle import ArmOracle
 from benchmark.rollouts.make_rollout import Stage
 from benchmark.settings.chosen_scales import read_scales, scales_file
 from benchmark.settings.config import ORACLE_METHODS, RunConfig
 from benchmark.settings.setting import SettingError
+from benchmark.settings.task import chosen_task
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
     from rich.console import Console
@@ -34,15 +36,15 @@ def chosen_checkpoints(config: RunConfig) -> "list[Path]":
     return [chosen_checkpoint(replace(config, seed=seed)) for seed in seeds]
 
 
-def chosen_players(
-    config: RunConfig, task: "Task", arms: "Iterable[PlacedArm]", checkpoints: "Sequence[Path]", console: "Console"
-) -> "Sequence[Player]":
-    """Direct transfer, and then guidance at its scale, unless that is 0, on each arm with each policy; or a scripted
-    oracle on each arm.
+def chosen_players(config: RunConfig, console: "Console") -> "Sequence[Player]":
+    """Direct transfer, and then guidance at its scale, unless that is 0, on each arm of a run of one task with each
+    policy; or a scripted oracle on each arm.
 
     Raises:
-        SettingError: If no scale was chosen, or a policy cannot be guided.
+        SettingError: If a policy is not there or cannot be guided, no scale was chosen, or an arm cannot hold its tool
+            over the task's start.
     """
+    task, checkpoints, arms = chosen_task(config.task), chosen_checkpoints(config), chosen_arms(config)
     if config.method in ORACLE_METHODS.values():
         return [oracle_of(config.method, task, arm) for arm in arms]
     return rollouts_of([Stage(config, task, arm, checkpoint, console) for arm in arms for checkpoint in checkpoints])

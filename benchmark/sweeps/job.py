@@ -54,9 +54,11 @@ class JobRecord:
 
 def run_job(config: DictConfig) -> None:
     """Roll out at the job's lambda alone. Why it failed is written to the sweep's folder; it stops no other."""
+    import pandas as pd
+
     _tie_to_launcher()
     hydra = HydraConfig.get()
-    overrides = " ".join(hydra.overrides.task)
+    folder, overrides = Path(hydra.sweep.dir), " ".join(hydra.overrides.task)
     record, rows = JobRecord(overrides, f"python -m benchmark.run hydra.mode=RUN {overrides}"), None
     try:
         job = typed(config, RunConfig)
@@ -64,15 +66,15 @@ def run_job(config: DictConfig) -> None:
         record.left_out = guides_source(job)
         if not record.left_out:
             alone = hydra.runtime.choices["hydra/launcher"] == "basic"  # All jobs in one process, one after another.
-            rows = _rolled_out(job, job.workers if alone else 1, Path(hydra.sweep.dir))
-            score = chosen_task(job.task).ranking[0]
+            parts = [_rolled_out(part, job.workers if alone else 1, folder) for part in job.parts]
+            rows, score = pd.concat(parts, ignore_index=True), chosen_task(job.tasks[0]).ranking[0]
             record.came_out = f"{score} {100 * rows[score].mean():.1f} % of {len(rows)} episodes"
     except SettingError as error:
         record.reason, record.refused = " ".join(str(error).split()), True
     except Exception as error:
         record.reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
         record.trace = "".join(traceback.format_exception(error))
-    _write(Path(hydra.sweep.dir) / "jobs", hydra.job.num, record, rows)
+    _write(folder, hydra.job.num, record, rows)
 
 
 def _rolled_out(job: RunConfig, workers: int, sweep: Path) -> "pd.DataFrame":
@@ -80,15 +82,12 @@ def _rolled_out(job: RunConfig, workers: int, sweep: Path) -> "pd.DataFrame":
     import pandas as pd
     from rich.console import Console
 
-    from benchmark.episodes.arm import chosen_arms
     from benchmark.rollouts.missing_episodes import play_and_store
-    from benchmark.sweeps.chosen_players import chosen_checkpoints, chosen_players
+    from benchmark.sweeps.chosen_players import chosen_players
     from benchmark.sweeps.experiment_log import log_evaluation, log_field
 
-    task = chosen_task(job.task)
-    arms = chosen_arms(job, task).values()
     console = Console(force_terminal=False)  # Jobs share the terminal.
-    players = chosen_players(job, task, arms, chosen_checkpoints(job), console)
+    players = chosen_players(job, console)
     scale = players[-1].condition.guidance_scale
     players = [player for player in players if player.condition.guidance_scale == scale]
     tables = play_and_store(players, replace(job, workers=workers), Console(quiet=True))
@@ -103,18 +102,18 @@ def _rolled_out(job: RunConfig, workers: int, sweep: Path) -> "pd.DataFrame":
     return pd.concat(tables, ignore_index=True)
 
 
-def _write(folder: Path, number: int, record: JobRecord, rows: "pd.DataFrame | None") -> None:
+def _write(sweep: Path, number: int, record: JobRecord, rows: "pd.DataFrame | None") -> None:
     """Write what became of a job, and say it in a line."""
     from richmap.outputs import replacing
 
     if rows is not None:
-        with replacing(folder / f"{number}.parquet") as path:
+        with replacing(sweep / "jobs" / f"{number}.parquet") as path:
             rows.to_parquet(path, index=False)
-    with replacing(folder / f"{number}.json") as path:
+    with replacing(sweep / "jobs" / f"{number}.json") as path:
         path.write_text(json.dumps(asdict(record), indent=1))
     if record.left_out:
         return
-    total = folder / "total"
+    total = sweep / "jobs" / "total"
     of = f" of {total.read_text()}" if total.exists() else ""
     how = f"failed. {record.reason}" if record.reason else record.came_out
     print(f"Job {number + 1}{of}: {record.name}: {how}", flush=True)

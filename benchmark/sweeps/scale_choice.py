@@ -13,7 +13,7 @@ from benchmark.settings.config import ConditionConfig, RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.scenes import VALIDATION
-from benchmark.settings.suite import suite_conditions, suite_task
+from benchmark.settings.suite import suite_conditions, tasks_of
 from benchmark.settings.task import chosen_task
 from policies.methods import GUIDED, METHODS, SWEPT
 
@@ -52,6 +52,8 @@ class ChooseScalesConfig:
     energy: EnergyConfig = field(default_factory=EnergyConfig)
 
     def __post_init__(self) -> None:
+        one = len(tasks_of(self.conditions)) == 1
+        check_setting(one, "suite", self.suite, "a suite of one task: a scale is chosen for a task")
         for name in self.methods or ["[]"]:
             check_setting(name in GUIDED, "methods", name, ", ".join(GUIDED))
         check_setting(1 <= self.points <= 16, "points", self.points, "a whole number from 1 to 16")
@@ -69,7 +71,7 @@ class ChooseScalesConfig:
     @property
     def task(self) -> str:
         """Of the suite."""
-        return suite_task(self.suite)
+        return tasks_of(self.conditions)[0]
 
     @property
     def episodes(self) -> int:
@@ -119,10 +121,10 @@ def written(config: ChooseScalesConfig, method: str, chosen: dict[str, Any]) -> 
 
 def _stages(config: ChooseScalesConfig, method: str, console: "Console") -> "list[Stage]":
     from benchmark.artifacts.known_policies import checkpoint_folder
-    from benchmark.episodes.arm import suite_arms
+    from benchmark.episodes.arm import chosen_arms
     from benchmark.rollouts.make_rollout import Stage
 
     run, task = config.run(method), chosen_task(config.task)
     checkpoints = [checkpoint_folder(seed, task=run.task) for seed in config.seeds]
-    arms = suite_arms(run.conditions, task).values()
+    arms = chosen_arms(run)
     return [Stage(run, task, arm, checkpoint, console) for arm in arms for checkpoint in checkpoints]

@@ -9,7 +9,7 @@ import os
 import shutil
 import sys
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -22,11 +22,14 @@ from benchmark.settings.task import chosen_task
 from benchmark.settings.typed import typed
 from benchmark.sweeps.job import JobRecord
 
+if TYPE_CHECKING:
+    from envs.task import Task
+
 MOST_FAILED = 20
 """How many failed jobs are said one by one."""
 
-_BEGUN: list[tuple[Path, WandbConfig, str]] = []
-"""Folder of the sweep of this process, how it is logged, and its task."""
+_BEGUN: list[tuple[Path, WandbConfig, list[str]]] = []
+"""Folder of the sweep of this process, how it is logged, and its tasks."""
 
 
 class SweepStart(Callback):
@@ -41,7 +44,8 @@ class SweepStart(Callback):
         except OSError:
             return  # Hydra cannot make the folder either, and refuses it; of an error here it would only warn.
         (folder / "jobs" / "total").write_text(str(count_jobs(config)))
-        _BEGUN.append((folder, typed(config.wandb, WandbConfig), config.task))
+        tasks = dict.fromkeys(each.get("task") or config.task for each in config.conditions.values())
+        _BEGUN.append((folder, typed(config.wandb, WandbConfig), [*tasks] or [config.task]))
 
 
 def count_jobs(config: DictConfig) -> int:
@@ -61,7 +65,7 @@ def end_sweep() -> None:
     """
     if not _BEGUN:
         return
-    folder, wandb, task = _BEGUN.pop()
+    folder, wandb, tasks = _BEGUN.pop()
     records = [
         JobRecord(**json.loads(file.read_text()))
         for file in sorted((folder / "jobs").glob("*.json"), key=lambda file: int(file.stem))
@@ -75,27 +79,30 @@ def end_sweep() -> None:
     if left_out:
         print(f"Jobs that would guide the source itself are left out: {left_out}.")
     folders = {record.output_dir for record in records if record.output_dir}
-    _sum_up(folder, wandb, task, Path(os.path.commonpath(folders)) if folders else folder)
+    beside = Path(os.path.commonpath(folders)) if folders else folder
+    for task in map(chosen_task, tasks):
+        _sum_up(folder, wandb, task, beside / task.name if len(tasks) > 1 else beside)
     if failed:
         _say_failed(failed, folder)
 
 
-def _sum_up(folder: Path, wandb: WandbConfig, task: str, beside: Path) -> None:
-    """Show and log what the sweep's episodes come to."""
+def _sum_up(folder: Path, wandb: WandbConfig, task: "Task", beside: Path) -> None:
+    """Show and log what the sweep's episodes of a task come to."""
     import pandas as pd
 
     from benchmark.artifacts.wandb_run import unharmed
     from benchmark.episodes.episode import IDENTITY
-    from benchmark.episodes.parts import read_part, to_frame
+    from benchmark.episodes.parts import of_task, read_part, to_frame
     from benchmark.scoring.own_results import show_results
     from benchmark.sweeps.experiment_log import log_curves
 
-    tables = [to_frame([read_part(file)]) for file in sorted((folder / "jobs").glob("*.parquet"))]
+    parts = (of_task(read_part(file), task.name) for file in sorted((folder / "jobs").glob("*.parquet")))
+    tables = [to_frame([part]) for part in parts if len(part)]
     if tables:
         rows = pd.concat(tables, ignore_index=True).drop_duplicates(IDENTITY)  # lambda=0 is the same for all methods.
-        show_results(rows, chosen_task(task), beside)
+        show_results(rows, task, beside)
         with unharmed():
-            log_curves(chosen_task(task), wandb, tables, folder.name)
+            log_curves(task, wandb, tables, folder.name)
 
 
 def _say_failed(failed: list[JobRecord], folder: Path) -> NoReturn:
