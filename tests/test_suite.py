@@ -51,11 +51,8 @@ def test_scenes_of_the_ranking_are_refused_elsewhere(first, count):
 @pytest.mark.parametrize("suite", NAMES)
 def test_a_suite_has_conditions_that_differ(suite):
     conditions = suite_conditions(suite)
-    assert (
-        len({repr((each.task, each.robot, each.setting, each.arm)) for each in conditions.values()})
-        == len(conditions)
-        >= 5
-    )
+    different = {repr((each.task, each.robot, each.setting, each.arm)) for each in conditions.values()}
+    assert len(different) == len(conditions) >= 5
 
 
 def test_the_quick_suite_is_small_and_spread_and_on_validation_scenes():
