@@ -15,6 +15,7 @@ from benchmark.settings.scenes import FIRST_TEST_SEED
 from benchmark.settings.task import chosen_task
 from benchmark.sweeps.job import run_job
 from benchmark.sweeps.sweep import end_sweep
+from policies.methods import DIRECT
 
 
 def main(config: RunConfig) -> None:
@@ -35,7 +36,7 @@ def main(config: RunConfig) -> None:
         console.print(note)
     parts = config.parts
     for part in parts:
-        if part.method != config.method:
+        if part.method == DIRECT != config.method:
             console.print(f"Direct transfer alone in {part.task}: {config.idle(part.task)}.")
     players = [chosen_players(part, console) for part in parts]
     tables = [play_and_store(each, part, console) for each, part in zip(players, parts, strict=True)]

@@ -385,10 +385,22 @@ GUIDED = tuple(name for name in METHODS if name != DIRECT)
 SWEPT = tuple(name for name in GUIDED if not METHODS[name].asks_the_arm)
 """Of these, those that a field is enough for: what is swept unless others are named."""
 
+BY_TASK = {"plan_for_arm": {"block_push": "reorder", "press_buttons": "way_on_arm"}}
+"""Rules that are another method in each task, by the task's name: `plan_for_arm` shows the policy only what its arm can
+do. Rows and chosen scales bear the method's own name."""
+
+
+def in_task(method: str, task: str) -> str:
+    """The method that a rule is in a task; any other name as it is."""
+    return BY_TASK.get(method, {}).get(task, method)
+
 
 def said_of_each(what: str) -> str:
     """A field of all methods that do something, `text` or `scale`, as a help text has it; those alike in one go."""
     alike: dict[str, list[str]] = {}
     for name in GUIDED:
         alike.setdefault(getattr(METHODS[name], what), []).append(name)
-    return "; ".join(f"{', '.join(names)}: {text}" for text, names in alike.items())
+    said = [f"{', '.join(names)}: {text}" for text, names in alike.items()]
+    for rule, methods in BY_TASK.items():
+        said.append(f"{rule}: as " + " or ".join(f"{method} in {task}" for task, method in methods.items()))
+    return "; ".join(said)

@@ -91,11 +91,32 @@ def test_a_method_that_does_not_act_in_a_task_counts_there_as_direct_transfer():
     (press,) = [line for line in gains_text(of).splitlines() if line.startswith("| press")]
     assert press.rstrip(" |").endswith("as direct") and "25.0 [" in press
     # Rows of another method in both tasks rank it by both.
-    both = [rows_of("push", "way_on_arm", 1.0, "1100"), rows_of("press", "way_on_arm", 4.0, "1111")]
-    all_rows = pd.concat([rows, *both, rows_of("easy", "way_on_arm", 4.0, "0000")], ignore_index=True)
+    both = [rows_of("push", "mine", 1.0, "1100"), rows_of("press", "mine", 4.0, "1111")]
+    all_rows = pd.concat([rows, *both, rows_of("easy", "mine", 4.0, "0000")], ignore_index=True)
     found = standing("mine", CONDITIONS, CEILINGS, all_rows).methods
-    assert found.method.tolist() == ["way_on_arm", "reorder"] and found["lambda"].tolist() == ["1, 4", "0.02, -"]
+    assert found.method.tolist() == ["mine", "reorder"] and found["lambda"].tolist() == ["1, 4", "0.02, -"]
     assert found.share.tolist() == pytest.approx([4 / 6, 2 / 6]) and found.harm.tolist() == [-0.25, 0]
+
+
+def test_a_rule_that_is_another_method_in_each_task_is_ranked_as_one():
+    rows = [rows_of("push", "reorder", 0.02, "1110")]
+    rows += [rows_of(name, "way_on_arm", 4.0, "1100") for name in ("press", "easy")]
+    of = standing("mine", CONDITIONS, CEILINGS, pd.concat([*direct(), *rows], ignore_index=True))
+    row = of.methods.set_index("method").loc["plan_for_arm"]
+    assert (row["rank"], row["lambda"], row.share) == (1, "0.02, 4", pytest.approx(3 / 6))
+    line = next(line for line in ranking_text(of.ranking).splitlines() if "plan_for_arm" in line)
+    assert "arm's description" in line and line.count("arm's description") == 1
+    (push,) = [line for line in gains_text(of).splitlines() if line.startswith("| push")]
+    assert push.count("+50.0 [") == 2  # The rule's and its method's.
+    config = RunConfig(suite="mine", conditions=CONDITIONS, method="plan_for_arm", guidance_scale=None)
+    assert [(part.task, part.method) for part in config.parts] == [
+        ("block_push", "reorder"), ("press_buttons", "way_on_arm"),
+    ]  # fmt: skip
+    (alone,) = RunConfig(method="plan_for_arm", task="press_buttons").parts
+    assert alone.method == "way_on_arm"
+    toy = "tests.reach_point:REACH_POINT"
+    with pytest.raises(SettingError, match="plan_for_arm: it is for block_push and press_buttons alone"):
+        RunConfig(method="plan_for_arm", task=toy)
 
 
 def test_several_scales_of_a_task_are_combined_with_each_of_the_other():

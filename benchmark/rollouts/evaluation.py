@@ -32,7 +32,7 @@ def evaluate(
         policy: Name of a policy that ships, such as `seed42-1`, or the folder of a LeRobot checkpoint, or its name on
             the Hub.
         robot: Name of an arm, or `RobotConfig("custom", path=..., base=..., end_effector=...)`.
-        method: Guidance, one of `policies.methods.METHODS`.
+        method: Guidance, one of `policies.methods.METHODS` or `BY_TASK`.
         scale: Its scale; 0 is direct transfer.
         episodes: How many scenes, from the first validation scene on unless `seed_start` says otherwise.
         output_dir: Folder whose table the rows are stored in.
@@ -54,7 +54,7 @@ def evaluate(
         output_dir=str(output_dir),
         **settings,
     )
-    console = Console(stderr=True)
+    (config,), console = config.parts, Console(stderr=True)
     rollout: Rollout = make_rollout(config, config.guidance_scale or 0.0, folder, console)
     (rows,) = play_and_store([rollout], config, console)
     return rows

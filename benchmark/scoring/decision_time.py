@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from policies.methods import in_task
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -22,7 +24,7 @@ def with_times(ranking: "pd.DataFrame", file: Path = FILE) -> "pd.DataFrame":
         return ranking.assign(step_ms=np.nan)
     known = pd.read_csv(file).set_index(KEY).mean_ms
     times = (
-        [known.get((task, row.method, scale), np.nan) for task, scale in row.scales.items()]
+        [known.get((task, in_task(row.method, task), scale), np.nan) for task, scale in row.scales.items()]
         for _, row in ranking.iterrows()
     )
     return ranking.assign(step_ms=[max(each) if np.isfinite(each).all() else np.nan for each in times])

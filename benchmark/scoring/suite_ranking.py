@@ -13,7 +13,7 @@ from benchmark.scoring.statistics import Crossed, clustered_difference, clustere
 from benchmark.settings.chosen_scales import read_scales, scales_file
 from benchmark.settings.config import ConditionConfig, RunConfig, unfit
 from benchmark.settings.task import chosen_task
-from policies.methods import DIRECT, METHODS
+from policies.methods import BY_TASK, DIRECT, METHODS, in_task
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -119,13 +119,25 @@ def _variants(pairs: "pd.DataFrame") -> "Iterator[tuple[str, dict[str, float], p
     import pandas as pd
 
     tasks, direct = [*dict.fromkeys(pairs.task)], pairs[pairs.method == DIRECT]
-    for method, rows in pairs.groupby("method", sort=True):
+    found = {str(method): rows for method, rows in pairs.groupby("method", sort=True)}
+    if len(tasks) > 1:
+        found |= {rule: _of_rule(pairs, rule) for rule in BY_TASK}
+    for method, rows in found.items():
+        if rows.empty:
+            continue
         tried = {task: sorted({*of_task["lambda"]}) for task, of_task in rows.groupby("task", sort=False)}
-        idle = [task for task in tasks if task not in tried and _idle(str(method), task)]
+        idle = [task for task in tasks if task not in tried and _idle(in_task(method, task), task)]
         beside = direct[direct.task.isin(idle)]
         for scales in (dict(zip(tried, each, strict=True)) for each in product(*tried.values())):
             chosen = rows[rows["lambda"] == rows.task.map(scales)]
-            yield str(method), scales, pd.concat([chosen, beside], ignore_index=True) if len(beside) else chosen
+            yield method, scales, pd.concat([chosen, beside], ignore_index=True) if len(beside) else chosen
+
+
+def _of_rule(pairs: "pd.DataFrame", rule: str) -> "pd.DataFrame":
+    """The rows of the methods that a rule is in each task; none where one of them has none."""
+    methods = pairs.task.map(lambda task: in_task(rule, task))
+    rows = pairs[pairs.method == methods]
+    return rows if {*rows.task} == {*pairs.task} else rows[:0]
 
 
 def _idle(method: str, task: str) -> bool:
@@ -259,8 +271,10 @@ def remarks(
 
 
 def needs_text(method: str) -> str:
-    """What a method has to be given."""
-    return (", ".join(METHODS[method].needs) or "nothing") if method in METHODS else "not stated"
+    """What a method has to be given; a rule, what it has to be in one task or another."""
+    methods = [METHODS[name] for name in BY_TASK.get(method, {"": method}).values() if name in METHODS]
+    needs = dict.fromkeys(need for each in methods for need in each.needs)
+    return (", ".join(needs) or "nothing") if methods else "not stated"
 
 
 def _on(row: "pd.Series", name: str) -> str:

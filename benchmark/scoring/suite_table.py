@@ -18,7 +18,7 @@ from benchmark.settings.scenes import FIRST_TEST_SEED
 from benchmark.settings.setting import SettingError
 from benchmark.settings.suite import suite_conditions, suite_scenes, suites, tasks_of
 from benchmark.settings.task import chosen_task
-from policies.methods import DIRECT
+from policies.methods import DIRECT, in_task
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -131,9 +131,9 @@ class Standing:
 
     def cell(self, method: "pd.Series", condition: str) -> "pd.Series | None":
         """The row of `table` of a row of the ranking on a condition; None where there is none."""
-        scale = method.scales.get(self.conditions[condition].task, np.nan)
-        rows = self.table[(self.table.condition == condition) & (self.table.method == method.method)]
-        rows = rows[rows["lambda"] == scale]
+        task = self.conditions[condition].task
+        rows = self.table[(self.table.condition == condition) & (self.table.method == in_task(method.method, task))]
+        rows = rows[rows["lambda"] == method.scales.get(task, np.nan)]
         return None if rows.empty else rows.iloc[0]
 
 

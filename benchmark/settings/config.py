@@ -16,7 +16,7 @@ from benchmark.settings.robot_config import SETTINGS, ArmConfig, RobotConfig, ro
 from benchmark.settings.scenes import VALIDATION, check_scenes
 from benchmark.settings.setting import SettingError, check_setting
 from benchmark.settings.task import chosen_task
-from policies.methods import DIRECT, METHODS, said_of_each
+from policies.methods import BY_TASK, DIRECT, GUIDED, METHODS, in_task, said_of_each
 from richmap.robots import ROBOTS
 
 if TYPE_CHECKING:
@@ -92,8 +92,8 @@ class LimitsConfig:
 
 def unfit(method: str, task: "Task") -> str:
     """Why a method cannot act in a task, in words; empty if it can."""
-    if method not in METHODS:
-        return ""
+    if (method := in_task(method, task.name)) not in METHODS:
+        return f"it is for {' and '.join(BY_TASK[method])} alone" if method in BY_TASK else ""
     if why := METHODS[method].refusal(task.space):
         return why
     imagines = METHODS[method].imagines and task.model is None
@@ -184,7 +184,7 @@ class RunConfig:
         scale = self.guidance_scale
         tasks = [chosen_task(name) for name in self.tasks]
         for_any = next((task for task in tasks if not unfit(self.method, task)), tasks[0])
-        check_method(self.method, "method", [*METHODS, *ORACLE_METHODS.values()], for_any)
+        check_method(self.method, "method", [*METHODS, *BY_TASK, *ORACLE_METHODS.values()], for_any)
         check_setting(bool(self.conditions) or not self.suite, "suite", self.suite, "a file of conf/suite")
         if scale is not None:
             check_setting(math.isfinite(scale) and scale >= 0, "lambda", scale, "any number >= 0, or null")
@@ -214,11 +214,14 @@ class RunConfig:
 
     @property
     def parts(self) -> "list[RunConfig]":
-        """A run for each task. Of several, each has a folder of its own in `output_dir`; in a task in which the method
-        does not act (`idle`), its part is direct transfer, unless it acts in none."""
+        """A run for each task, with the method that a rule is there. Of several, each has a folder of its own in
+        `output_dir`; in a task in which the method does not act (`idle`), its part is direct transfer, unless it acts
+        in none."""
         parts, acts = [], not all(self.idle(name) for name in self.tasks)
         for name in self.tasks:
-            given: dict[str, Any] = {"method": DIRECT, "guidance_scale": 0.0} if acts and self.idle(name) else {}
+            given: dict[str, Any] = {"method": in_task(self.method, chosen_task(name).name)}
+            if acts and self.idle(name):
+                given = {"method": DIRECT, "guidance_scale": 0.0}
             if len(self.tasks) > 1:
                 given["output_dir"] = str(Path(self.output_dir, chosen_task(name).name))
             conditions = {key: each for key, each in self.conditions.items() if (each.task or self.task) == name}
@@ -231,8 +234,9 @@ class RunConfig:
         if why := unfit(self.method, chosen_task(task)):
             return why
         file = scales_file(self.scales_dir, chosen_task(task).name)
-        asked = self.guidance_scale is None and self.method in METHODS and self.method != DIRECT
-        return f"{file} has no scale of {self.method}" if asked and self.method not in read_scales(file) else ""
+        method = in_task(self.method, chosen_task(task).name)
+        asked = self.guidance_scale is None and method in GUIDED
+        return f"{file} has no scale of {method}" if asked and method not in read_scales(file) else ""
 
 
 @dataclass
