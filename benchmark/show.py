@@ -27,7 +27,7 @@ class ShowConfig:
     suite: str = ""
     """Conditions by which the episodes are shown, with ceilings and shares of head-room (see benchmark.run)."""
     ceilings: str = ""
-    """With suite=: another file of ceilings than the frozen ones, as benchmark.ceilings output= writes it."""
+    """With suite=: another file of ceilings than the frozen ones, as benchmark.studies.ceilings output= writes it."""
     protocol: str = ""
     """Every figure of a published protocol, strict or paper, from test episodes: scores, p-values, causes, policies."""
     recipe: str = USUAL
@@ -49,7 +49,9 @@ class ShowConfig:
         self.table = self.table or (f"results/suites/{self.suite}" if self.suite else "results")
         check_setting(Path(self.table).exists(), "table", self.table, "a table of episodes, or a folder of them")
         there = not self.ceilings or Path(self.ceilings).is_file()
-        check_setting(there, "ceilings", self.ceilings, "a file that python -m benchmark.ceilings output=... wrote")
+        check_setting(
+            there, "ceilings", self.ceilings, "a file that python -m benchmark.studies.ceilings output=... wrote"
+        )
         for setting in ("output_dir", "eval_info"):
             if folder := getattr(self, setting):
                 check_folder(folder, setting)

@@ -9,7 +9,6 @@ from omegaconf import OmegaConf
 from rich.console import Console
 
 from benchmark import show
-from benchmark.ceilings import CeilingsConfig
 from benchmark.episodes.arm import arm_columns
 from benchmark.scoring.ceiling import Ceiling, ceiling, cross_validated, read_ceilings, save_ceilings
 from benchmark.scoring.statistics import Crossed, clustered_ratio
@@ -27,6 +26,7 @@ from benchmark.settings.robot_config import ArmConfig
 from benchmark.settings.scenes import PAPER, RANKING, TABLES, VALIDATION
 from benchmark.settings.setting import SettingError
 from benchmark.settings.suite import SUITES, suite_conditions, suite_scenes
+from benchmark.studies.ceilings import CeilingsConfig
 from benchmark.studies.suite_candidates import verdict
 from benchmark.sweeps.chosen_players import chosen_players
 from envs.block_push.arm import block_push_arm
@@ -260,7 +260,7 @@ def test_what_lacks_episodes_or_a_ceiling_is_said():
     unfrozen = ranking(tables, conditions, {})
     assert unfrozen.share.isna().all() and unfrozen["rank"]["top"] == 1
     (said,) = remarks(unfrozen.reset_index(), "mine", [*conditions], {})
-    assert said.endswith("To freeze them: python -m benchmark.ceilings suite=mine")
+    assert said.endswith("To freeze them: python -m benchmark.studies.ceilings suite=mine")
     elsewhere = {name: replace(each, scenes=tuple(range(1, 41))) for name, each in ceilings.items()}
     (said,) = remarks(ranking(tables, conditions, elsewhere).reset_index(), "mine", [*conditions], elsewhere)
     assert said == "There are no shares of head-room: the ceilings are of scenes 1 to 40 alone."

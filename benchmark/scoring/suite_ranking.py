@@ -258,7 +258,7 @@ def remarks(
     if not {*counted} <= {*ceilings}:
         said.append(
             f"The ceilings of {suite} are not frozen, so there are no shares of head-room, and the mean gain ranks. To "
-            f"freeze them: python -m benchmark.ceilings suite={suite}"
+            f"freeze them: python -m benchmark.studies.ceilings suite={suite}"
         )
     elif methods.share.isna().all():
         scenes = sorted({scene for each in ceilings.values() for scene in each.scenes})

@@ -1,7 +1,7 @@
 """The ceilings of a suite's conditions, made once from all that is stored, and frozen with the suite.
 
-python -m benchmark.ceilings suite=push-v1
-python -m benchmark.ceilings suite=quick
+python -m benchmark.studies.ceilings suite=push-v1
+python -m benchmark.studies.ceilings suite=quick
 """
 
 from dataclasses import dataclass, field
@@ -89,4 +89,4 @@ def main(config: CeilingsConfig) -> None:
 
 
 if __name__ == "__main__":
-    run_command(main, CeilingsConfig, "ceilings")
+    run_command(main, CeilingsConfig, "studies.ceilings")
