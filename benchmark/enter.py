@@ -1,6 +1,8 @@
 """Somebody else's entry on the test episodes, by one command; and whether a table that was sent with it can be trusted.
 
 python -m benchmark.enter entry=my_entry
+python -m benchmark.enter entry=my_entry suite=full
+python -m benchmark.enter entry=my_entry suite=full final=true
 python -m benchmark.enter entry=their_entry table=their_entry.parquet
 """
 
@@ -8,12 +10,12 @@ import shutil
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.episodes.arm import chosen_arm
+from benchmark.episodes.arm import chosen_arms
 from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.sent_rows import nearest, otherwise, refusals
 from benchmark.scoring.ranking import Protocol, protocols_of
@@ -21,7 +23,8 @@ from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.config import LimitsConfig, RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.robot_config import PAPER_ARMS, RobotConfig
-from benchmark.settings.scenes import FIRST_TEST_SEED
+from benchmark.settings.scenes import FIRST_TEST_SEED, VALIDATION
+from benchmark.settings.suite import suite_conditions, suite_scenes, tasks_of
 from benchmark.settings.task import chosen_task
 from richmap.outputs import replacing
 
@@ -34,13 +37,16 @@ if TYPE_CHECKING:
 ALONE = 3
 """Episodes of an entry that are run once more, each alone, before its rows stand."""
 
+SUITE_EPISODES = 50
+"""Validation scenes of a condition of a suite."""
+
 SHOWN = 20
 """Most refusals that are shown one by one."""
 
 
 @dataclass
 class EnterConfig:
-    """Evaluates somebody else's entry on the test episodes, or checks a table that was sent with it."""
+    """Evaluates somebody else's entry on the test episodes, or on a suite, or checks a table that was sent with it."""
 
     task: str = "block_push"
     """What is to be done (see benchmark.run)."""
@@ -65,6 +71,13 @@ class EnterConfig:
     scale: list[float] = field(default_factory=list)
     """Scales to try instead of the one in entry.yaml, as in scale=[0.25,0.5], on validation episodes alone; empty for
     that one."""
+    suite: str = ""
+    """Conditions on all of which the entry is rolled out, in place of task, robots and settings (see benchmark.run), on
+    50 validation scenes unless final=true: full for its place among all methods, a policy of its own on a suite of its
+    task, such as push-v1."""
+    final: bool = False
+    """With suite=: whether it is rolled out on the suite's test scenes, true or false. A final run with other files of
+    the entry than the one before is a further row, as my-entry~2."""
     seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
     """Training seeds of the policies that an entry without a policy of its own guides."""
     output_dir: str = "results/entries"
@@ -83,6 +96,7 @@ class EnterConfig:
     def __post_init__(self) -> None:
         some = self.replays is None or self.replays >= 1
         check_setting(some, "replays", self.replays, "a whole number >= 1, or null for all rows")
+        self._begin_suite()
         check_setting(bool(self.robots), "robots", self.robots, f"some of {', '.join(PAPER_ARMS)}")
         protocols = protocols_of(chosen_task(self.task))
         allowed = " or ".join(", ".join(protocol.settings) for protocol in protocols)
@@ -97,8 +111,24 @@ class EnterConfig:
         for name in ("robots", "settings", "seeds", "scale"):
             given = getattr(self, name)
             check_setting(len({*given}) == len(given), name, given, "each of them once")
-        for robot in self.robots:
-            self.run(robot, self.settings[0])
+        self.runs("")
+
+    def _begin_suite(self) -> None:
+        """Take the scenes that a suite has."""
+        if not self.suite:
+            check_setting(not self.final, "final", self.final, "false without suite=")
+            return
+        suite_conditions(self.suite)
+        scenes, first = suite_scenes(self.suite), self.seed_start or VALIDATION.start
+        if self.final:
+            tests = scenes.start >= FIRST_TEST_SEED
+            check_setting(tests, "suite", self.suite, "with final=true, one that has test scenes, such as full")
+            given = self.seed_start is None and self.episodes is None
+            check_setting(given, "final", self.final, "false with scenes of your own (seed_start, episodes)")
+            self.seed_start, self.episodes = scenes.start, len(scenes)
+        else:
+            check_setting(first < FIRST_TEST_SEED, "seed_start", first, "validation scenes without final=true")
+            self.seed_start, self.episodes = first, self.episodes or SUITE_EPISODES
 
     @property
     def scenes(self) -> range:
@@ -113,11 +143,14 @@ class EnterConfig:
             protocol for protocol in protocols_of(chosen_task(self.task)) if self.settings[0] in protocol.settings
         )
 
-    def run(self, robot: str, setting: str) -> RunConfig:
-        """Settings of an arm's rollouts."""
+    def runs(self, name: str) -> list[list[RunConfig]]:
+        """Settings of the rollouts of what is called so, task by task: of each arm and setting, or of a suite."""
         names = {each.name for each in fields(RunConfig)} & {*vars(self)} - {"output_dir"}
-        given = {name: getattr(self, name) for name in names}
-        return RunConfig(robot=RobotConfig(robot), setting=setting, output_dir=self.output_dir, **given)
+        given = {each: getattr(self, each) for each in names} | {"output_dir": str(Path(self.output_dir, name))}
+        if self.suite:
+            return [[part] for part in RunConfig(conditions=suite_conditions(self.suite), **given).parts]
+        arms = [(robot, setting) for setting in self.settings for robot in self.robots]
+        return [[RunConfig(robot=RobotConfig(robot), setting=setting, **given) for robot, setting in arms]]
 
 
 def main(config: EnterConfig) -> None:
@@ -126,30 +159,54 @@ def main(config: EnterConfig) -> None:
     out again. The exit status is 1 if it is refused."""
     check_setting(bool(config.entry), "entry", config.entry, "the folder of an entry, as in entry=my_entry")
     entry = Entry.load(Path(config.entry))
-    ranks = (1,) if config.protocol.best_only else (1, 2, 3)
-    checkpoints = entry.checkpoints(config.seeds, config.task, ranks)
     if config.table and not (Path(config.table).is_dir() or Path(config.table).is_file()):
         raise SettingError(f"table={config.table} is not there. Give a folder of episodes, or a Parquet file.")
     import pandas as pd
     from rich.console import Console
 
+    from benchmark.scoring.ceiling import ceilings_file, read_ceilings
     from benchmark.scoring.own_results import show_results
+    from benchmark.scoring.suite_table import show_suite
 
-    console = Console()
-    runs = [config.run(robot, setting) for setting in config.settings for robot in config.robots]
-    entries = [entry.at(scale) for scale in config.scale] or [entry]
-    task = chosen_task(config.task)
-    arms = [(run, chosen_arm(run, task)) for run in runs]
-    rollouts = [
-        each.rollout(run, task, arm, path, console) for each in entries for run, arm in arms for path in checkpoints
-    ]
-    if config.table:
-        check(config, rollouts, console)
-        return
-    run = replace(runs[0], output_dir=str(Path(config.output_dir, entry.about.name)))
-    made = evaluate(entry, rollouts, run, console)
-    direct = direct_transfer(config, runs, console)
-    show_results(pd.concat([made, direct], ignore_index=True), task, Path(run.output_dir))
+    console, tables = Console(), []
+    if entry.about.policy and len(tasks := tasks_of(suite_conditions(config.suite)) if config.suite else []) > 1:
+        raise SettingError(
+            f"entry={entry.folder} has a policy of its own, which is for one task, and suite={config.suite} has "
+            f"{' and '.join(tasks)}. Give a suite of its task: push-v1 or buttons-v1."
+        )
+    if config.final:
+        entry = entry.numbered(final_rows(config, entry))
+    entries, ranks = [entry.at(scale) for scale in config.scale] or [entry], (1, 2, 3)
+    for runs, direct in zip(config.runs(entry.about.name), config.runs("direct"), strict=True):
+        task = chosen_task(runs[0].task)
+        checkpoints = entry.checkpoints(
+            config.seeds, runs[0].task, ranks[:1] if config.suite or config.protocol.best_only else ranks
+        )
+        arms = [(run, arm) for run in runs for arm in chosen_arms(run)]
+        rollouts = [
+            each.rollout(run, task, arm, path, console) for each in entries for run, arm in arms for path in checkpoints
+        ]
+        if config.table:
+            check(config, rollouts, console)
+        else:
+            tables += [evaluate(entry, rollouts, runs[0], console), direct_transfer(config, direct, console)]
+    if config.suite and tables:
+        ceilings, rows = read_ceilings(ceilings_file(config.suite)), pd.concat(tables, ignore_index=True)
+        show_suite(config.suite, suite_conditions(config.suite), rows, ceilings)
+    elif tables:
+        show_results(pd.concat(tables, ignore_index=True), task, Path(runs[0].output_dir))
+
+
+def final_rows(config: EnterConfig, entry: Entry) -> "pd.DataFrame":
+    """Those of the final runs of entries of this name that are stored, or of the one that a table was sent of."""
+    from benchmark.episodes.table import read_tables
+
+    folder = Path(config.table or Path(config.output_dir, entry.about.name))
+    rows = read_tables(folder)
+    if rows.empty:
+        return rows
+    named = rows.method.str.partition("~")[0] == entry.about.name
+    return rows[named & rows.episode_seed.isin(config.scenes)]
 
 
 def direct_transfer(config: EnterConfig, runs: "Sequence[RunConfig]", console: "Console") -> "pd.DataFrame":
@@ -159,17 +216,18 @@ def direct_transfer(config: EnterConfig, runs: "Sequence[RunConfig]", console: "
 
     from benchmark.artifacts.known_policies import RESULTS, checkpoint_folder, shipped
     from benchmark.episodes.table import episodes_of, read_present
-    from benchmark.rollouts.make_rollout import make_rollout
+    from benchmark.rollouts.make_rollout import Stage
     from benchmark.rollouts.missing_episodes import play_and_store
 
-    if not shipped(task=config.task):  # Of this task we have no policies.
+    name, task = runs[0].task, chosen_task(runs[0].task)
+    if not shipped(task=name):  # Of this task we have no policies.
         return pd.DataFrame()
-    checkpoints = [checkpoint_folder(seed, task=config.task) for seed in config.seeds]
-    rollouts = [make_rollout(run, 0.0, path, console) for run in runs for path in checkpoints]
+    checkpoints = [checkpoint_folder(seed, task=name) for seed in config.seeds]
+    arms = [(run, arm) for run in runs for arm in chosen_arms(run)]
+    rollouts = [Stage(run, task, arm, path, console).rollout(0.0) for run, arm in arms for path in checkpoints]
     if config.scenes.start < FIRST_TEST_SEED:
-        run = replace(runs[0], output_dir=str(Path(config.output_dir, "direct")))
-        return pd.concat(play_and_store(rollouts, run, console, "direct transfer"))
-    published = read_present(RESULTS, rollouts[0].task)
+        return pd.concat(play_and_store(rollouts, runs[0], console, "direct transfer"))
+    published = read_present(RESULTS, task)
     tables = [episodes_of(published, rollout.condition) for rollout in rollouts]
     return pd.concat(
         [table[table.episode_seed.isin(config.scenes)] for table in tables if len(table)] or [pd.DataFrame()]
@@ -195,7 +253,7 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
         shutil.copyfile(entry.folder / "entry.yaml", path)
     tables = play_and_store(rollouts, run, console, entry.about.name)
     scales = [*{rollout.condition.guidance_scale for rollout in rollouts}]
-    for row in (by_condition(table, rollouts[0].task).iloc[0] for table in tables):
+    for row in () if run.suite else (by_condition(table, rollouts[0].task).iloc[0] for table in tables):
         scores = ", ".join(f"{name} {with_interval(row, name)}" for name in rollouts[0].task.score_names)
         named = f"{row.robot}, {row.setting}, {row.checkpoint}" + (f", scale {row['lambda']:g}" if scales[1:] else "")
         console.print(f"{named}, n = {row.n}: {scores}", soft_wrap=True)

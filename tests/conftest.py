@@ -31,12 +31,12 @@ def no_log_outlives_its_test():
 
 @pytest.fixture(scope="session")
 def cut_short():
-    """Cuts episodes of block pushing that this process plays off after so many steps: what comes later, nobody asks."""
+    """Cuts episodes of our tasks that this process plays off after so many steps: what comes later, nobody asks."""
     import gymnasium
 
     from benchmark.rollouts.arm_oracle import _environment, _prepared
     from benchmark.rollouts.rollout import _arm_environment
-    from envs import BLOCK_PUSH
+    from envs import BLOCK_PUSH, PRESS_BUTTONS
 
     def forget():
         for kept in (_arm_environment, _environment, _prepared):
@@ -45,7 +45,8 @@ def cut_short():
     @contextlib.contextmanager
     def cut(steps):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(gymnasium.spec(BLOCK_PUSH), "max_episode_steps", steps)
+            for task in (BLOCK_PUSH, PRESS_BUTTONS):
+                patch.setattr(gymnasium.spec(task), "max_episode_steps", steps)
             forget()
             yield
         forget()
@@ -55,7 +56,7 @@ def cut_short():
 
 @pytest.fixture
 def brief(cut_short):
-    """Episodes of block pushing have 20 steps."""
+    """Episodes have 20 steps."""
     with cut_short(20):
         yield
 

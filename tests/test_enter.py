@@ -6,6 +6,7 @@ import py_compile
 import re
 import shutil
 import sys
+from contextlib import nullcontext
 from dataclasses import fields
 from pathlib import Path
 
@@ -23,12 +24,13 @@ from benchmark.episodes.arm import chosen_arm
 from benchmark.episodes.checked_rows import read_checked
 from benchmark.episodes.episode import Episode, as_frame
 from benchmark.episodes.parts import parts_in, write_part
-from benchmark.episodes.table import read_episodes
+from benchmark.episodes.table import read_episodes, read_tables
 from benchmark.rollouts import players, rollout
 from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.scoring.ranking import counted, protocols_of
 from benchmark.settings.command import SettingError
+from benchmark.settings.suite import suite_conditions
 from envs.block_push.outcome import EpisodeOutcome
 from envs.block_push.scene import draw_scene
 from envs.block_push.task import BLOCK_PUSH
@@ -355,7 +357,7 @@ def test_a_policy_of_our_type_samples_as_it_was_saved_and_is_not_guided_twice(tm
     saved = json.loads(file.read_text()) | {"noise_scheduler_type": "DDPM", "num_inference_steps": 7}
     file.write_text(json.dumps(saved))
     config, (checkpoint,) = settings(own, tmp_path), Entry.load(own).checkpoints([], "block_push")
-    run = config.run("xarm6", "embodied")
+    ((run,),) = config.runs("own")
     arm = chosen_arm(run, BLOCK_PUSH)
     condition = Entry.load(own).rollout(run, BLOCK_PUSH, arm, checkpoint, Console(quiet=True)).condition
     assert (condition.sampler, condition.sampling_steps) == ("DDPM", 7)
@@ -432,3 +434,67 @@ def test_the_hash_is_of_names_and_contents_and_of_nothing_that_python_leaves(tmp
     assert Entry.load(entry).files_hash == first
     (entry / "guidance.py").rename(entry / "renamed.py")
     assert Entry.load(entry).files_hash != first
+
+
+@pytest.fixture
+def small_suite(monkeypatch):
+    """The full suite with a condition of each task and one scene."""
+    conditions = suite_conditions("full")
+    few = {name: conditions[name] for name in ("push-ur5", "buttons-gen3")}
+    monkeypatch.setattr(enter, "suite_conditions", lambda name: few)
+    monkeypatch.setattr(enter, "suite_scenes", lambda name: range(160_000, 160_001))
+    monkeypatch.setattr(enter, "SUITE_EPISODES", 1)
+
+
+def on_suite(entry, output, **values):
+    few = {"suite": "full", "seeds": [42], "batch_size": 1, "workers": 1, "device": "cpu"}
+    return EnterConfig(entry=str(entry), output_dir=str(output), **few | values)
+
+
+def test_an_entry_is_tried_and_entered_on_a_suite_and_a_second_final_run_is_a_further_row(
+    brief, small_suite, tmp_path, capsys
+):
+    folder, output = write_entry(tmp_path / "half-speed"), tmp_path / "out"
+    enter.main(on_suite(folder, output))
+    shown = capsys.readouterr().out
+    assert "| push-ur5 " in shown and "| buttons-gen3 " in shown and "half-speed" in shown
+    tried = read_tables(output / "half-speed")
+    assert sorted({*tried.episode_seed}) == [50_000] and {*tried.task} == {"block_push", "press_buttons"}
+    assert {*read_tables(output / "direct").method} == {"direct"}  # On the same scenes.
+
+    enter.main(on_suite(folder, output, final=True))
+    (folder / "guidance.py").write_text((folder / "guidance.py").read_text() + "# Another.\n")
+    enter.main(on_suite(folder, output, final=True))
+    enter.main(on_suite(folder, output, final=True))  # The same once more adds nothing.
+    finals = read_tables(output / "half-speed").query("episode_seed >= 160000")
+    assert finals.groupby("method").size().to_dict() == {"half-speed": 2, "half-speed~2": 2}
+    assert finals.groupby("method").entry_hash.nunique().tolist() == [1, 1] and finals.entry_hash.nunique() == 2
+    for sent, accepted in (("half-speed~2", True), ("half-speed", False)):  # The files are those of the second run.
+        for task in ("block_push", "press_buttons"):
+            rows = read_tables(output / "half-speed", task)
+            write_part(tmp_path / sent / task, rows[(rows.method == sent) & (rows.episode_seed >= 160_000)])
+        config = on_suite(folder, output, final=True, table=str(tmp_path / sent))
+        with nullcontext() if accepted else pytest.raises(SystemExit):
+            enter.main(config)
+    assert capsys.readouterr().out.count("is accepted: 1 rows") == 2
+
+
+@pytest.mark.parametrize(
+    "values, said",
+    [
+        ({"final": True, "suite": ""}, "final=True is not allowed. Allowed: false without suite="),
+        ({"suite": "quick", "final": True}, "Allowed: with final=true, one that has test scenes, such as full"),
+        ({"final": True, "episodes": 3}, "Allowed: false with scenes of your own"),
+        ({"seed_start": 150_000}, "Allowed: validation scenes without final=true"),
+        ({"suite": "nonsense"}, "suite=nonsense is not allowed"),
+    ],
+)
+def test_a_suite_says_which_scenes_are_taken(values, said, tmp_path):
+    with pytest.raises(SettingError, match=re.escape(said)):
+        on_suite(tmp_path, tmp_path, **values)
+
+
+def test_a_policy_of_its_own_is_for_one_task(tmp_path):
+    folder = write_entry(tmp_path / "mine", policy="checkpoint")
+    with pytest.raises(SettingError, match="which is for one task, and suite=full has block_push and press_buttons"):
+        enter.main(on_suite(folder, tmp_path / "out"))

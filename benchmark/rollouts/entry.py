@@ -21,6 +21,7 @@ from benchmark.settings.config import LimitsConfig, RunConfig
 from benchmark.settings.entry_config import EntryConfig
 
 if TYPE_CHECKING:
+    import pandas as pd
     from rich.console import Console
 
     from benchmark.rollouts.rollout import Rollout
@@ -44,6 +45,8 @@ class Entry:
     """Of a class in a file, if it names one."""
     pattern: str = "*"
     """Which of the folder's files are the entry's."""
+    run: int = 1
+    """Which of its final runs this is: one with other files is a further one."""
 
     @classmethod
     def load(cls, folder: Path) -> "Entry":
@@ -105,6 +108,19 @@ class Entry:
         """Of the field that its class is made with."""
         return None if self.about.field == "none" else self.about.field
 
+    @property
+    def method(self) -> str:
+        """What it is called in tables: its name, with the number of a further final run, as in `mine~2`."""
+        return self.about.name if self.run == 1 else f"{self.about.name}~{self.run}"
+
+    def numbered(self, rows: "pd.DataFrame") -> "Entry":
+        """The same entry with the number of the final run that it is after these rows, of its earlier ones."""
+        made = {}
+        for method, files in () if rows.empty else zip(rows.method, rows.entry_hash, strict=True):
+            made[run_of(method)] = files
+        known = [number for number, files in made.items() if files == self.files_hash]
+        return replace(self, run=known[0] if known else max(made, default=0) + 1)
+
     def at(self, scale: float) -> "Entry":
         """The same entry with its class made at another scale."""
         return replace(self, about=replace(self.about, scale=scale))
@@ -165,7 +181,7 @@ class Entry:
             sampler, steps = Checkpoint(checkpoint).sampler  # As it was saved, whatever ours are sampled by.
             config = replace(config, sampler=sampler, sampling_steps=steps)
         field, path = guidance_field(self.kind, arm, config.map, config.energy, config.workers, console)
-        condition = make_condition(config, task, arm, about.name, about.scale, checkpoint, field, self.files_hash)
+        condition = make_condition(config, task, arm, self.method, about.scale, checkpoint, field, self.files_hash)
         guidance = self.guidance(config.limits)
         if guidance is not None:
             guidance.make(about.scale, path, arm.base[:2], 0, task.space.action.width)
@@ -188,6 +204,12 @@ class Entry:
                 f"{self.folder / 'entry.yaml'}: {path} is hidden, or Python's own, and could change unseen. Rename it."
             )
         return inside
+
+
+def run_of(method: str) -> int:
+    """Which of an entry's final runs a row is of, by its method."""
+    _, _, number = method.partition("~")
+    return int(number or 1)
 
 
 def _unhashed(name: Path) -> bool:

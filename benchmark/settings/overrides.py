@@ -67,7 +67,7 @@ FORMER = {"slots": "batch_size"}
 """What settings were once called."""
 
 
-SUITES_OWN = ("robot", "setting", "arm", "seed")
+SUITES_OWN = ("task", "robot", "robots", "setting", "settings", "arm", "seed")
 """Settings in place of which a suite has others; of its training seeds `seeds` chooses some."""
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.paths import check_folder
-from benchmark.settings.suite import suite_conditions
+from benchmark.settings.suite import suite_conditions, tasks_of
 from benchmark.settings.task import chosen_task
 from policies.methods import DIRECT
 from richmap.outputs import replacing
@@ -38,8 +38,6 @@ class ReadCausesConfig:
 
     suite: str = "candidates"
     """The suite in whose conditions direct transfer failed (see benchmark.run)."""
-    task: str = "block_push"
-    """What is done there (see benchmark.run)."""
     table: str = ""
     """Folder of the episodes; empty for outputs/suites/<suite>."""
     drawn: int = 60
@@ -84,7 +82,7 @@ def direct_transfer(config: ReadCausesConfig) -> "pd.DataFrame":
     from benchmark.episodes.table import read_present
     from benchmark.scoring.suite_table import by_condition
 
-    task = chosen_task(config.task)
+    task = chosen_task(tasks_of(suite_conditions(config.suite))[0])
     rows = read_present(Path(config.table), task)
     rows = rows if rows.empty else rows[rows.method == DIRECT]
     if rows.empty:

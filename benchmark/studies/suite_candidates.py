@@ -12,7 +12,7 @@ from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.config import ConditionConfig
 from benchmark.settings.paths import check_file
 from benchmark.settings.scenes import VALIDATION
-from benchmark.settings.suite import suite_conditions
+from benchmark.settings.suite import suite_conditions, tasks_of
 from benchmark.settings.task import chosen_task
 
 if TYPE_CHECKING:
@@ -34,8 +34,6 @@ class CandidatesConfig:
 
     suite: str = "candidates"
     """Which suite holds the candidates (see benchmark.run)."""
-    task: str = "block_push"
-    """What is done there (see benchmark.run)."""
     table: str = ""
     """Folder of the episodes; empty for outputs/suites/<suite>."""
     output: str = "results/suite_candidates.md"
@@ -43,7 +41,6 @@ class CandidatesConfig:
 
     def __post_init__(self) -> None:
         suite_conditions(self.suite)
-        chosen_task(self.task)
         folder = self.table or f"outputs/suites/{self.suite}"
         check_setting(Path(folder).exists(), "table", folder, "a folder of episodes")
         self.table = folder
@@ -109,7 +106,7 @@ def main(config: CandidatesConfig) -> None:
     from benchmark.episodes.table import read_tables
     from richmap.outputs import replacing
 
-    task = chosen_task(config.task)
+    task = chosen_task(tasks_of(suite_conditions(config.suite))[0])
     rows = read_tables(Path(config.table), task.name)
     if len(rows):
         present = rows.episode_version == rows.setting.map(task.episode_version)
