@@ -27,9 +27,8 @@ def main(config: RunConfig) -> None:
     from benchmark.scoring.ceiling import ceilings_file, read_ceilings
     from benchmark.scoring.report import print_report
     from benchmark.scoring.suite_table import show_suite
-    from benchmark.settings.suite import suite_conditions
     from benchmark.sweeps.chosen_players import chosen_players
-    from benchmark.sweeps.experiment_log import log_run
+    from benchmark.sweeps.experiment_log import log_run, log_standing
 
     console = Console()
     if note := note_on_tuning(config):
@@ -42,7 +41,7 @@ def main(config: RunConfig) -> None:
     tables = [play_and_store(each, part, console) for each, part in zip(players, parts, strict=True)]
     if config.conditions:
         rows, ceilings = pd.concat(chain(*tables), ignore_index=True), read_ceilings(ceilings_file(config.suite))
-        show_suite(config.suite, suite_conditions(config.suite), rows, ceilings)
+        log_standing(config.wandb, show_suite(config.suite, config.conditions, rows, ceilings), config.output_dir)
     else:
         print_report(chosen_task(config.task), tables[0], Path(config.output_dir))
     for of_part in zip(parts, players, tables, strict=True):

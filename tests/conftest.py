@@ -153,7 +153,8 @@ def transfer_episodes():
 
 @pytest.fixture
 def offline_runs():
-    """Reads what W&B kept on disk: of each run in a folder its settings, history and artifacts, by their names."""
+    """Reads what W&B kept on disk: of each run in a folder its settings, history, summary and artifacts, by their
+    names."""
     from types import SimpleNamespace
 
     import wandb
@@ -173,6 +174,7 @@ def offline_runs():
                 records.append(Record.FromString(data))
             store.close()
             (run,) = [record.run for record in records if record.HasField("run")]
+            summaries = [plain(record.summary.update) for record in records if record.HasField("summary")]
             artifacts = [record.artifact for record in records if record.HasField("artifact")]
             runs.append(
                 SimpleNamespace(
@@ -182,6 +184,7 @@ def offline_runs():
                     group=run.run_group,
                     config=plain(run.config.update),
                     history=[plain(record.history.item) for record in records if record.HasField("history")],
+                    summary={name: value for each in summaries for name, value in each.items()},
                     made={each.name: each for each in artifacts if not each.use_after_commit},
                     used={each.name: each for each in artifacts if each.use_after_commit},
                 )

@@ -16,9 +16,10 @@ from benchmark.scoring.suite_ranking import ranking_text
 from benchmark.scoring.suite_table import gains_text, standing
 from benchmark.settings.command import SettingError, register
 from benchmark.settings.composition import composing
-from benchmark.settings.config import ConditionConfig, RunConfig
+from benchmark.settings.config import ConditionConfig, RunConfig, WandbConfig
 from benchmark.settings.scenes import RANKING
 from benchmark.settings.suite import suite_conditions, suite_scenes
+from benchmark.sweeps.experiment_log import log_standing
 from benchmark.sweeps.scale_choice import ChooseScalesConfig
 from tests.test_suite import table
 
@@ -159,3 +160,15 @@ def test_a_suite_of_two_tasks_is_rolled_out_stored_by_task_and_shown(tmp_path, m
     assert [line for line in again.splitlines() if line.startswith("| pre")] == [
         line for line in shown.splitlines() if line.startswith("| pre")
     ]
+
+
+@pytest.mark.system
+def test_wandb_gets_the_ranking_and_the_shares(offline_runs, tmp_path):
+    rows = pd.concat([*direct(), rows_of("push", "reorder", 0.02, "1110")], ignore_index=True)
+    of = standing("mine", CONDITIONS, CEILINGS, rows)
+    log_standing(WandbConfig("offline", folder=str(tmp_path)), of, "sweep")
+    (run,) = offline_runs(tmp_path)
+    assert (run.kind, run.group) == ("suite", "sweep")
+    assert run.summary["share/reorder 0.02, -"] == pytest.approx(2 / 6)
+    logged = {name.partition(".")[0] for point in run.history for name in point}
+    assert {"ranking", "conditions"} <= logged

@@ -24,7 +24,8 @@ RANKED_TEXT = """## Which method gains most
 
 The share of head-room is what a method gains over direct transfer, divided by what the frozen ceiling gains, over the
 conditions of a suite that are not saturated; in percent, with a 95 % interval for other trainings and other scenes.
-Where the first three stand in another order on even scenes than on odd ones, they are called tied. What the other
+Where the first three stand in another order on even scenes than on odd ones, they are called tied. In a suite of two
+tasks a method that does nothing in one of them counts there as direct transfer (`as direct`). What the other
 columns are says the [protocol](../docs/protocol.md#one-number-for-each-method), what methods do,
 [methods](../docs/methods.md)."""
 
@@ -50,7 +51,8 @@ def markdown(
     given = [*([f"task={task.name}"] if task.name != TASK else []), *([f"recipe={recipe}"] if recipe != USUAL else [])]
     parts = [TEXT.format(setting=" ".join(["", *given]))]
     for of in standings:
-        parts += [RANKED_TEXT, f"### Suite `{of.suite}`", *of.text] if of.ranks else [f"## Suite `{of.suite}`"]
+        parts += [RANKED_TEXT] if of.ranks and RANKED_TEXT not in parts else []
+        parts += [f"### Suite `{of.suite}`", *of.text] if of.ranks else [f"## Suite `{of.suite}`"]
         parts += [GAINS_TEXT, gains_text(of)]
     for protocol, table in tables.items():
         if protocol == PAPER:

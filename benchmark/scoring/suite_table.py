@@ -206,8 +206,9 @@ def gains_text(of: Standing) -> str:
 
 def show_suite(
     suite: str, conditions: Mapping[str, ConditionConfig], rows: "pd.DataFrame", ceilings: Mapping[str, Ceiling]
-) -> None:
-    """Print what rows come to on a suite, on one block of scenes: those of its ceilings, or where none are, the others.
+) -> Standing:
+    """Print what rows come to on a suite, on one block of scenes: those of its ceilings, or where none are, the others;
+    gives it.
 
     Args:
         suite: Its name.
@@ -226,3 +227,4 @@ def show_suite(
             f"python -m benchmark.run suite={suite} method=..."
         )
     print("\n\n".join([*of.text, suite_text(of.table)]))
+    return of

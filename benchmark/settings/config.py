@@ -182,6 +182,7 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         scale = self.guidance_scale
+        self.conditions = {name: replace(each, task=each.task or self.task) for name, each in self.conditions.items()}
         tasks = [chosen_task(name) for name in self.tasks]
         for_any = next((task for task in tasks if not unfit(self.method, task)), tasks[0])
         check_method(self.method, "method", [*METHODS, *BY_TASK, *ORACLE_METHODS.values()], for_any)
@@ -210,7 +211,7 @@ class RunConfig:
     @property
     def tasks(self) -> list[str]:
         """What is done: on the conditions of a suite, each once, or the one task."""
-        return [*dict.fromkeys(each.task or self.task for each in self.conditions.values())] or [self.task]
+        return [*dict.fromkeys(each.task for each in self.conditions.values())] or [self.task]
 
     @property
     def parts(self) -> "list[RunConfig]":
@@ -224,7 +225,7 @@ class RunConfig:
                 given = {"method": DIRECT, "guidance_scale": 0.0}
             if len(self.tasks) > 1:
                 given["output_dir"] = str(Path(self.output_dir, chosen_task(name).name))
-            conditions = {key: each for key, each in self.conditions.items() if (each.task or self.task) == name}
+            conditions = {key: each for key, each in self.conditions.items() if each.task == name}
             parts.append(replace(self, task=name, conditions=conditions, **given))
         return parts
 

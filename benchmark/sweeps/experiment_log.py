@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from benchmark.rollouts.players import Player
     from benchmark.rollouts.rollout import Rollout
+    from benchmark.scoring.suite_table import Standing
     from envs.task import Task
     from richmap.maps.reachability_map import ReachabilityMap
 
@@ -135,6 +136,31 @@ def log_curves(task: "Task", config: WandbConfig, tables: "Iterable[pd.DataFrame
                     named = part[["n", *shown]].add_prefix("curve/").assign(**{"lambda": part["lambda"]})
                     for _, row in named.iterrows():
                         run.log(row.dropna().to_dict())
+
+
+def log_standing(config: WandbConfig, of: "Standing", group: str) -> None:
+    """What methods come to on a suite, as one W&B run: the ranking, what they do on each condition, and the share of
+    head-room of each in its summary.
+
+    Args:
+        config: Whether and where to log.
+        of: What they come to.
+        group: What the run belongs to, if the settings do not say.
+    """
+    if config.mode == "disabled" or of.ranking.empty:
+        return
+    import wandb
+
+    from benchmark.episodes.episode import plain
+
+    shown = {"ranking": of.methods.drop(columns="scales"), "conditions": of.table}
+    with unharmed(), start_experiment(config, f"suite {of.suite}", group, "suite", {"suite": of.suite}) as run:
+        for name, table in shown.items():
+            cells = [[plain(value) for value in row] for row in table.to_numpy(object)]
+            run.log({name: wandb.Table([*table], cells, allow_mixed_types=True)})
+        for _, row in of.methods.iterrows():
+            for figure in ("share", "gain"):
+                run.summary[f"{figure}/{row.method} {row['lambda']}"] = float(row[figure])
 
 
 def _log_video(run: "wandb.Run", rollout: "Rollout", seed: int) -> None:

@@ -40,6 +40,8 @@ class JobRecord:
     """Which runs it alone."""
     output_dir: str = ""
     """Where its episodes are; empty if its settings are wrong."""
+    suite: str = ""
+    """On whose conditions it is; empty for one arm."""
     left_out: bool = False
     """Whether it would guide the source, for which a table of transfer has no row."""
     came_out: str = ""
@@ -62,7 +64,7 @@ def run_job(config: DictConfig) -> None:
     record, rows = JobRecord(overrides, f"python -m benchmark.run hydra.mode=RUN {overrides}"), None
     try:
         job = typed(config, RunConfig)
-        record.name, record.output_dir = job_name(job), job.output_dir
+        record.name, record.output_dir, record.suite = job_name(job), job.output_dir, job.suite
         record.left_out = guides_source(job)
         if not record.left_out:
             alone = hydra.runtime.choices["hydra/launcher"] == "basic"  # All jobs in one process, one after another.

@@ -80,27 +80,38 @@ def end_sweep() -> None:
         print(f"Jobs that would guide the source itself are left out: {left_out}.")
     folders = {record.output_dir for record in records if record.output_dir}
     beside = Path(os.path.commonpath(folders)) if folders else folder
-    for task in map(chosen_task, tasks):
-        _sum_up(folder, wandb, task, beside / task.name if len(tasks) > 1 else beside)
+    suites = [*dict.fromkeys(record.suite for record in records if record.suite)]
+    _sum_up(folder, wandb, [chosen_task(task) for task in tasks], suites, beside)
     if failed:
         _say_failed(failed, folder)
 
 
-def _sum_up(folder: Path, wandb: WandbConfig, task: "Task", beside: Path) -> None:
-    """Show and log what the sweep's episodes of a task come to."""
+def _sum_up(folder: Path, wandb: WandbConfig, tasks: "list[Task]", suites: list[str], beside: Path) -> None:
+    """Show and log what the sweep's episodes come to: on its suites, or arm by arm."""
     import pandas as pd
 
     from benchmark.artifacts.wandb_run import unharmed
     from benchmark.episodes.episode import IDENTITY
     from benchmark.episodes.parts import of_task, read_part, to_frame
+    from benchmark.scoring.ceiling import ceilings_file, read_ceilings
     from benchmark.scoring.own_results import show_results
-    from benchmark.sweeps.experiment_log import log_curves
+    from benchmark.scoring.suite_table import show_suite
+    from benchmark.settings.suite import suite_conditions
+    from benchmark.sweeps.experiment_log import log_curves, log_standing
 
-    parts = (of_task(read_part(file), task.name) for file in sorted((folder / "jobs").glob("*.parquet")))
-    tables = [to_frame([part]) for part in parts if len(part)]
-    if tables:
-        rows = pd.concat(tables, ignore_index=True).drop_duplicates(IDENTITY)  # lambda=0 is the same for all methods.
-        show_results(rows, task, beside)
+    parts, by_task = [read_part(file) for file in sorted((folder / "jobs").glob("*.parquet"))], []
+    for task in tasks:
+        tables = [to_frame([rows]) for part in parts if len(rows := of_task(part, task.name))]
+        if tables:
+            # Direct transfer is the same for all methods.
+            by_task.append((task, tables, pd.concat(tables, ignore_index=True).drop_duplicates(IDENTITY)))
+    for suite in suites if by_task else ():
+        rows = pd.concat([rows for *_, rows in by_task], ignore_index=True)
+        of = show_suite(suite, suite_conditions(suite), rows, read_ceilings(ceilings_file(suite)))
+        log_standing(wandb, of, folder.name)
+    for task, tables, rows in by_task:
+        if not suites:
+            show_results(rows, task, beside)
         with unharmed():
             log_curves(task, wandb, tables, folder.name)
 
