@@ -59,7 +59,7 @@ class Method:
     @property
     def asks_the_arm(self) -> bool:
         """Whether it needs more of the arm than a field: what a checkpoint alone does not bring."""
-        return self.imagines or self.follows
+        return self.imagines or self.follows or self.avoids
 
     @property
     def needs(self) -> tuple[str, ...]:

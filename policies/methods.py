@@ -149,6 +149,16 @@ METHODS = {
             task="block_push",
         ),
         Method(
+            name="reorder_among",
+            entry_point="policies.block_push.reorder:reorder",
+            text="the same, also for obstacles",
+            field="feasibility",
+            scale="how far inside the border a push must keep the tool, in [m], to be made first",
+            first=0.0025,
+            task="block_push",
+            avoids=True,
+        ),
+        Method(
             name="chunk_witness",
             entry_point="policies.directional_methods:pose_chunk",
             text="down the slope of directions that only the source has, along the chunk",
@@ -385,7 +395,7 @@ GUIDED = tuple(name for name in METHODS if name != DIRECT)
 SWEPT = tuple(name for name in GUIDED if not METHODS[name].asks_the_arm)
 """Of these, those that a field is enough for: what is swept unless others are named."""
 
-BY_TASK = {"plan_for_arm": {"block_push": "reorder", "press_buttons": "way_on_arm"}}
+BY_TASK = {"plan_for_arm": {"block_push": "reorder_among", "press_buttons": "way_on_arm"}}
 """Rules that are another method in each task, by the task's name: `plan_for_arm` shows the policy only what its arm can
 do. Rows and chosen scales bear the method's own name."""
 

@@ -1,10 +1,15 @@
 """What a method of guidance is made with."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
 
 from policies.arm_controller import ArmController
 from policies.episode_model import EpisodeModel
 from richmap.similarity.load_field import StoredField
+from richmap.similarity.signed_distance import SignedDistanceField
 from richmap.task_spaces.task_space import TaskSpace
 
 
@@ -26,3 +31,6 @@ class Setup:
     """What episodes on the arm are imagined with, if the method does so."""
     controller: ArmController | None = None
     """The arm's own controller, if the method asks it."""
+    among: Callable[[Float[np.ndarray, "k 4"]], SignedDistanceField] | None = None
+    """Where the arm can hold its tool among obstacles at some places (`policies.guidance.Guidance.meet`), if the method
+    keeps it off them and there are any."""

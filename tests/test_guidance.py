@@ -318,6 +318,29 @@ def test_the_shown_scene_is_what_the_policy_acts_on(distance):
     assert not torch.equal(act(real, guidance), act(real, None))
 
 
+def test_each_row_is_looked_at_among_its_own_obstacles(distance):
+    """A made-up obstacle takes what lies within 0.1 m of it from what the arm can hold."""
+
+    def among(places):
+        x, y, _ = distance.grid.axes()
+        points = np.stack(np.meshgrid(x, y, indexing="ij"), -1)
+        held = np.linalg.norm(points - BASE, axis=-1) < OUTER
+        for place in places:
+            held &= np.linalg.norm(points - place[:2], axis=-1) > 0.1
+        edge = distance.grid.cell_size
+        return SignedDistanceField.from_feasible(held, (x[0] - edge / 2, y[0] - edge / 2), edge, 0.06, BASE, {})
+
+    guidance = Reorder(distance, 0.0, among)
+    real = torch.cat([scene((0.35, -0.2), (0.42, -0.05), target2=(0.4, 0.2))] * 3)  # The arm can do it.
+    state = torch.tensor([[0.3, -0.4, 0.3, -0.4]]).expand(3, 4)
+    guidance.meet([0, 2], np.array([[[0.35, -0.25, 0.1, 0.0]], [[0.9, 0.9, 0.1, 0.0]]]))
+    shown = guidance.imagine(real, state)
+    assert (shown != real).any((1, 2)).tolist() == [True, False, False]  # Behind the first block there is an obstacle.
+    assert (shown != real).all(1)[0].nonzero().flatten().tolist() == [0, 1]
+    guidance.reset([0])
+    assert torch.equal(guidance.imagine(real, state), real)
+
+
 def test_a_block_that_was_thrown_off_the_field_is_left_for_later(distance):
     """As far beyond reach as it lies, at least: the way to it leads over the border and the field's edge."""
     blocks, targets = np.array([[[0.35, -0.2], [2.0, 1.5]]]), np.array([[[0.28, 0.2], [0.52, 0.2]]])

@@ -7,6 +7,7 @@ import shutil
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from omegaconf import OmegaConf
@@ -20,7 +21,7 @@ from benchmark.episodes.parts import write_part
 from benchmark.episodes.table import read_tables
 from benchmark.leaderboard import LeaderboardConfig, main
 from benchmark.scoring import leaderboard_text, oracle_scores, ranking
-from benchmark.scoring.ceiling import Ceiling
+from benchmark.scoring.ceiling import Ceiling, ceiling, read_ceilings
 from benchmark.scoring.leaderboard_text import beside_the_paper
 from benchmark.scoring.protocol_text import protocol_text
 from benchmark.scoring.ranking import adjusted, counted, protocols_of
@@ -31,6 +32,7 @@ from benchmark.settings.command import CONF, SettingError
 from benchmark.settings.config import ConditionConfig, RunConfig
 from benchmark.settings.recipe import RECIPES, USUAL, recipe_folder
 from benchmark.settings.suite import suite_conditions, suite_scenes
+from benchmark.settings.task import chosen_task
 from envs.block_push.arm import block_push_arm
 from envs.block_push.task import BLOCK_PUSH
 
@@ -413,6 +415,18 @@ def test_what_is_published_is_what_the_published_rows_say(recipe):
         assert (same["n"], same["complete"]) == (len(group), len(group) == 300)
         assert same["p2"] == pytest.approx(group.p2.mean(), abs=1e-6)
     assert len(shown) == len(groups) > 0
+
+
+@pytest.mark.results
+@pytest.mark.parametrize("suite", ["full", "push-v1", "official", "quick"])
+def test_frozen_ceilings_are_made_of_the_rows_that_they_name(suite):
+    folder, conditions = Path(__file__).parents[1] / "results" / "suites" / suite, suite_conditions(suite)
+    frozen, rows = read_ceilings(folder / "ceilings.json"), read_tables(folder)
+    assert {*frozen} == {*conditions}
+    for name, table in by_condition(rows, conditions).items():
+        labels = table.method + np.where(table["lambda"] > 0, table["lambda"].map(" {:g}".format), "")
+        named = table[labels.isin(frozen[name].candidates) & table.episode_seed.isin(frozen[name].scenes)]
+        assert ceiling(named, chosen_task(conditions[name].task).success) == frozen[name]
 
 
 @pytest.mark.results

@@ -10,18 +10,22 @@ import pytest
 import torch
 
 from benchmark.episodes.table import read_tables
+from benchmark.rollouts.evaluation import evaluate
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.scoring.statistics import Crossed, clustered_difference
 from benchmark.scoring.suite_table import by_condition
+from benchmark.settings.robot_config import ArmConfig
 from benchmark.settings.suite import suite_conditions
 from envs import BLOCK_PUSH, PRESS_BUTTONS
 from envs.arm.environment import ArmEnv
 from envs.arm.place_arm import place_arm
 from envs.block_push.arm import block_push_arm
+from envs.block_push.holding import distance, held
 from envs.block_push.obstacles import draw_obstacles
 from envs.block_push.oracle import Oracle
 from envs.block_push.scene import draw_scene
 from envs.block_push.task import BLOCK_PUSH as PUSHING
+from envs.block_push.workspace import HEIGHT
 from envs.press_buttons.model import PressModel
 from envs.press_buttons.obstacles import draw_obstacles as draw_among_buttons
 from envs.press_buttons.scene import draw_scene as draw_buttons
@@ -158,6 +162,31 @@ def test_a_scene_of_ones_own_has_as_many_as_the_arm_stands_among(task):
         env.reset(options={"scene": draw(50_000)})
     with pytest.raises(ValueError, match="obstacles must be a whole number from 0 to 8. Got 9"):
         gymnasium.make(task, robot="xarm6", obstacles=9)
+
+
+@pytest.mark.system
+def test_what_an_arm_can_hold_among_obstacles_is_what_touches_none():
+    arm = block_push_arm("gen3", obstacles=2)
+    holding, alone = PUSHING.holding(arm), distance(held(arm), {})
+    (x, y, _), places = alone.grid.axes(), np.array([[0.45, 0.0, 0.06, 0.3], AWAY])
+    points = np.stack(np.meshgrid(x, y, [HEIGHT], indexing="ij"), -1).reshape(-1, 3)
+    free, among = (field.value_and_gradient(points)[0] for field in (alone, holding(places)))
+    # The field is smoothed by a cell: nothing is gained by obstacles, and what is near the standing one is lost.
+    assert (among > free - 0.02).all() and (among > free + 0.02).any()
+    near = np.linalg.norm(points[:, :2] - places[0, :2], axis=1) < 0.02
+    assert (among[near] > 0).all() and (free[near] < 0).all()
+    assert np.allclose(holding(np.array([AWAY, AWAY])).value_and_gradient(points)[0], free)
+
+
+@pytest.mark.system
+def test_reorder_among_is_reorder_where_there_are_none(tmp_path):
+    asked = {"policy": "seed42-1", "scale": 0.02, "episodes": 1, "batch_size": 1, "workers": 1}
+    rows = [
+        evaluate(robot="ur10", method=method, output_dir=tmp_path, arm=ArmConfig(base=[0.12, 0.0, 0.0]), **asked)
+        for method in ("reorder", "reorder_among")
+    ]
+    one, other = (table.drop(columns="method").reset_index(drop=True) for table in rows)
+    pd.testing.assert_frame_equal(one, other)
 
 
 @pytest.mark.results

@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from benchmark.artifacts.maps import SHIPPED
 from benchmark.settings.map_config import MapConfig
 
@@ -18,10 +16,6 @@ VERSION = 1
 """Raised by hand when the same arm gets another field."""
 ROLLS = "feasible where the tool is rolled"
 """What sets the fields apart of arms that hold their tool rolled somewhere; before 27 November 2026 they could not."""
-CELL_SIZE = 0.02
-"""Edge of the field's cells, in [m]."""
-BOX = ((-0.2, -0.7), (0.9, 0.7))
-"""Centres of its first and last cells, xy in [m]: the workspace, and as far beyond it as a chunk of actions goes."""
 
 
 def distance_field(
@@ -32,7 +26,7 @@ def distance_field(
     Returns:
         The field, in the world frame, and its file in the cache.
     """
-    from envs.arm.feasibility import table_feasibility
+    from envs.block_push.holding import BOX, CELL_SIZE, distance, held
     from envs.block_push.workspace import HEIGHT
     from richmap.cache import cached, made_from
     from richmap.similarity.signed_distance import SignedDistanceField
@@ -56,11 +50,9 @@ def distance_field(
 
     def make() -> SignedDistanceField:
         with console.status(f"Where {arm.robot} can hold its tool over the table"):
-            table = table_feasibility(arm, CELL_SIZE, np.array(BOX), HEIGHT)
-            origin = (table.x[0] - CELL_SIZE / 2, table.y[0] - CELL_SIZE / 2)
+            table = held(arm)
             fingerprint = made_from({**inputs, ROLLS: True}, VERSION) if table.rolls else key
-            about = {"target": arm.robot, "fingerprint": fingerprint}
-            return SignedDistanceField.from_feasible(table.feasible, origin, CELL_SIZE, HEIGHT, arm.base[:2], about)
+            return distance(table, {"target": arm.robot, "fingerprint": fingerprint})
 
     name, shipped = f"fields/distance-{arm.robot}-{key[:16]}.safetensors", None if of_map.rebuild else SHIPPED
     return cached(name, SignedDistanceField.load, make, shipped)

@@ -188,8 +188,10 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
         field = None if rollout.field is None else load_field(rollout.field)
         model = _model(rollout) if method.imagines else None
         controller = _controller(rollout) if method.follows else None
+        holding = rollout.task.holding if method.avoids and rollout.arm.obstacles else None
+        among = None if holding is None else holding(rollout.arm)
         policy.guidance = method.make(
-            Setup(scale, field, config.guidance_base, config.guidance_seed, config.space, model, controller)
+            Setup(scale, field, config.guidance_base, config.guidance_seed, config.space, model, controller, among)
         )
     if rollout.guidance is not None:
         policy.guidance = rollout.guidance.make(

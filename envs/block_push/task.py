@@ -49,6 +49,13 @@ def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
     return lambda info: _acting_on_dict(AwareOracle(among.table(info["obstacles"]) if among else table, info["mode"]))
 
 
+def holding(arm: Any) -> Any:
+    """`envs.block_push.holding.HoldingAmong`."""
+    from envs.block_push.holding import holding_among
+
+    return holding_among(arm)
+
+
 def controller(arm: Any) -> Any:
     """`envs.block_push.controller.PushController`."""
     from envs.block_push.controller import PushController
@@ -120,6 +127,7 @@ BLOCK_PUSH = Task(
         play=demonstrate,
     ),
     controller=controller,
+    holding=holding,
     shows_pictures=True,
     has_obstacles=True,
     plan=("first_block", "first_target"),

@@ -1,5 +1,6 @@
 """Of two blocks the one first that the arm can push: guidance by what the policy is shown."""
 
+from collections.abc import Callable, Sequence
 from typing import final
 
 import numpy as np
@@ -31,15 +32,32 @@ class Reorder(Guidance):
     Args:
         distance: Signed distance to the border, in [m].
         margin: How far inside of the border the pusher is to stay, in [m].
+        among: Gives that distance among obstacles at some places, which the arm then cannot hold its tool near to.
     """
 
-    def __init__(self, distance: SignedDistanceField, margin: float) -> None:
-        self.distance, self.margin = distance, margin
+    def __init__(
+        self,
+        distance: SignedDistanceField,
+        margin: float,
+        among: Callable[[Float[np.ndarray, "k 4"]], SignedDistanceField] | None = None,
+    ) -> None:
+        self.distance, self.margin, self.among = distance, margin, among
+        self._distances: dict[int, SignedDistanceField] = {}
+
+    def reset(self, rows: Sequence[int] | None) -> None:
+        for row in [*self._distances] if rows is None else rows:
+            self._distances.pop(row, None)
+
+    def meet(self, rows: Sequence[int], places: Float[np.ndarray, "rows k 4"]) -> None:
+        if self.among is not None:
+            self._distances |= {row: self.among(at) for row, at in zip(rows, places, strict=True)}
 
     def imagine(self, environment: Float[Tensor, "b t 12"], state: Float[Tensor, "b 4"]) -> Float[Tensor, "b t 12"]:
         scene = environment[:, -1].double().cpu().numpy()
         blocks, targets = (np.stack([scene[:, at] for at in which], 1) for which in (BLOCKS, TARGETS))
         cost = overreach(self.distance, blocks, targets, self.margin)  # (b, block, target)
+        for row, among in self._distances.items():
+            cost[row] = overreach(among, blocks[row, None], targets[row, None], self.margin)[0]
         placed = np.linalg.norm(blocks[:, :, None] - targets[:, None], axis=-1).min((1, 2)) < PLACED
         far = np.linalg.norm(blocks - state[:, None, STATE["effector"]].double().cpu().numpy(), axis=-1)
         shown = environment.clone()
@@ -54,4 +72,4 @@ class Reorder(Guidance):
 
 def reorder(given: Setup) -> Reorder:
     """What the arm cannot push is left for later."""
-    return Reorder(given.field, given.scale)
+    return Reorder(given.field, given.scale, given.among)
