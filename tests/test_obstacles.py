@@ -207,7 +207,7 @@ def line_of(name: str, rows: dict[str, pd.DataFrame]) -> str:
     loss = clustered_difference(Crossed.of(pairs, pairs.p2.astype(float) - pairs.p2_alone.astype(float)))
     points = "{:+.1f} [{:+.1f}, {:+.1f}]".format(*(100 * each for each in loss))
     cells = [f"{100 * alone.p2.mean():.1f}", f"{100 * among.p2.mean():.1f}", points]
-    for method, n in {"plain_oracle": 50, "aware_oracle": 50, "way_on_arm": 150}.items():
+    for method, n in {"plain_oracle": 50, "aware_oracle": 50, "reorder_among": 150, "way_on_arm": 150}.items():
         done = rows[f"{name}-obstacles"].p2[rows[f"{name}-obstacles"].method == method]
         if len(done):
             assert len(done) == n
