@@ -118,17 +118,19 @@ class EnterConfig:
         if not self.suite:
             check_setting(not self.final, "final", self.final, "false without suite=")
             return
-        suite_conditions(self.suite)
-        scenes, first = suite_scenes(self.suite), self.seed_start or VALIDATION.start
+        scenes = suite_scenes(self.suite)
         if self.final:
             tests = scenes.start >= FIRST_TEST_SEED
             check_setting(tests, "suite", self.suite, "with final=true, one that has test scenes, such as full")
             given = self.seed_start is None and self.episodes is None
             check_setting(given, "final", self.final, "false with scenes of your own (seed_start, episodes)")
             self.seed_start, self.episodes = scenes.start, len(scenes)
-        else:
-            check_setting(first < FIRST_TEST_SEED, "seed_start", first, "validation scenes without final=true")
-            self.seed_start, self.episodes = first, self.episodes or SUITE_EPISODES
+            return
+        self.seed_start = VALIDATION.start if self.seed_start is None else self.seed_start
+        self.episodes = SUITE_EPISODES if self.episodes is None else self.episodes
+        inside = VALIDATION.start <= self.seed_start <= VALIDATION.stop - self.episodes
+        validation = f"validation scenes, {VALIDATION[0]} to {VALIDATION[-1]}, without final=true"
+        check_setting(inside, "seed_start", self.seed_start, validation)
 
     @property
     def scenes(self) -> range:
@@ -169,7 +171,8 @@ def main(config: EnterConfig) -> None:
     from benchmark.scoring.suite_table import show_suite
 
     console, tables = Console(), []
-    if entry.about.policy and len(tasks := tasks_of(suite_conditions(config.suite)) if config.suite else []) > 1:
+    tasks = tasks_of(suite_conditions(config.suite)) if config.suite else [config.task]
+    if entry.about.policy and len(tasks) > 1:
         raise SettingError(
             f"entry={entry.folder} has a policy of its own, which is for one task, and suite={config.suite} has "
             f"{' and '.join(tasks)}. Give a suite of its task: push-v1 or buttons-v1."
@@ -238,6 +241,8 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     """Roll out and store what is missing, and print the scores of each arm, setting and policy; gives the rows."""
     import pandas as pd
 
+    from benchmark.episodes.parts import write_part
+    from benchmark.episodes.table import read_episodes
     from benchmark.rollouts.missing_episodes import play_and_store
     from benchmark.rollouts.players import play_all
     from benchmark.scoring.scores import by_condition, with_interval
@@ -262,7 +267,11 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     each_alone = ((rollouts[nearest(row, rollouts)[0]], [row["episode_seed"]]) for row in some.to_dict("records"))
     again = chain.from_iterable(play_all(each_alone, workers=1))
     if refused := list(otherwise(some, again)):
+        stored = read_episodes(folder)
+        others = stored[(stored.entry_hash != entry.files_hash) | (stored.method != entry.method)]
         (folder / "episodes").rename(folder / f"refused-{time.time_ns()}")
+        if len(others):  # Of an earlier final run, which stays.
+            write_part(folder, others)
         raise SettingError(
             f"{refused[0]} An episode has to come out alike when it is run alone: the entry is random by itself, or "
             f"keeps something from one batch to the next. Its rows are in {folder}, under refused-…."

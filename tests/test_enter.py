@@ -478,13 +478,31 @@ def test_an_entry_is_tried_and_entered_on_a_suite_and_a_second_final_run_is_a_fu
     assert capsys.readouterr().out.count("is accepted: 1 rows") == 2
 
 
+def test_a_final_run_that_is_refused_takes_no_earlier_one_with_it(brief, small_suite, tmp_path, monkeypatch):
+    few = {"push-ur5": suite_conditions("full")["push-ur5"]}
+    monkeypatch.setattr(enter, "suite_conditions", lambda name: few)
+    folder, output = write_entry(tmp_path / "half-speed"), tmp_path / "out"
+    enter.main(on_suite(folder, output, final=True))
+    first = read_episodes(output / "half-speed")
+    code = (folder / "guidance.py").read_text()
+    (folder / "guidance.py").write_text("import torch\n" + code.replace("chunk\n", "chunk * torch.rand(1)\n"))
+    with pytest.raises(SettingError, match="come out alike when it is run alone"):
+        enter.main(on_suite(folder, output, final=True))
+    pd.testing.assert_frame_equal(read_episodes(output / "half-speed"), first)
+    (refused,) = (output / "half-speed").glob("refused-*")
+    assert refused.is_dir()
+
+
 @pytest.mark.parametrize(
     "values, said",
     [
         ({"final": True, "suite": ""}, "final=True is not allowed. Allowed: false without suite="),
         ({"suite": "quick", "final": True}, "Allowed: with final=true, one that has test scenes, such as full"),
         ({"final": True, "episodes": 3}, "Allowed: false with scenes of your own"),
-        ({"seed_start": 150_000}, "Allowed: validation scenes without final=true"),
+        ({"seed_start": 150_000}, "Allowed: validation scenes, 50000 to 59999, without final=true"),
+        ({"seed_start": 0}, "seed_start=0 is not allowed. Allowed: validation scenes"),
+        ({"seed_start": 59_990}, "seed_start=59990 is not allowed. Allowed: validation scenes"),
+        ({"episodes": 0}, "episodes=0 is not allowed"),
         ({"suite": "nonsense"}, "suite=nonsense is not allowed"),
     ],
 )

@@ -12,7 +12,7 @@ import threading
 import time
 import traceback
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -42,6 +42,8 @@ class JobRecord:
     """Where its episodes are; empty if its settings are wrong."""
     suite: str = ""
     """On whose conditions it is; empty for one arm."""
+    tasks: list[str] = field(default_factory=list)
+    """What it did."""
     left_out: bool = False
     """Whether it would guide the source, for which a table of transfer has no row."""
     came_out: str = ""
@@ -68,9 +70,12 @@ def run_job(config: DictConfig) -> None:
         record.left_out = guides_source(job)
         if not record.left_out:
             alone = hydra.runtime.choices["hydra/launcher"] == "basic"  # All jobs in one process, one after another.
-            parts = [_rolled_out(part, job.workers if alone else 1, folder) for part in job.parts]
-            rows, score = pd.concat(parts, ignore_index=True), chosen_task(job.tasks[0]).ranking[0]
+            parts = [part for part in job.parts if not job.idle(part.task)] or job.parts
+            tables = [_rolled_out(part, job.workers if alone else 1, folder) for part in parts]
+            rows, score = pd.concat(tables, ignore_index=True), chosen_task(parts[0].task).ranking[0]
+            record.tasks = [part.task for part in parts]
             record.came_out = f"{score} {100 * rows[score].mean():.1f} % of {len(rows)} episodes"
+            record.came_out += "".join(f"; not in {task}: {why}" for task in job.tasks if (why := job.idle(task)))
     except SettingError as error:
         record.reason, record.refused = " ".join(str(error).split()), True
     except Exception as error:

@@ -8,6 +8,7 @@ import math
 import os
 import shutil
 import sys
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
 MOST_FAILED = 20
 """How many failed jobs are said one by one."""
 
-_BEGUN: list[tuple[Path, WandbConfig, list[str]]] = []
-"""Folder of the sweep of this process, how it is logged, and its tasks."""
+_BEGUN: list[tuple[Path, WandbConfig]] = []
+"""Folder of the sweep of this process, and how it is logged."""
 
 
 class SweepStart(Callback):
@@ -44,8 +45,7 @@ class SweepStart(Callback):
         except OSError:
             return  # Hydra cannot make the folder either, and refuses it; of an error here it would only warn.
         (folder / "jobs" / "total").write_text(str(count_jobs(config)))
-        tasks = dict.fromkeys(each.get("task") or config.task for each in config.conditions.values())
-        _BEGUN.append((folder, typed(config.wandb, WandbConfig), [*tasks] or [config.task]))
+        _BEGUN.append((folder, typed(config.wandb, WandbConfig)))
 
 
 def count_jobs(config: DictConfig) -> int:
@@ -65,7 +65,7 @@ def end_sweep() -> None:
     """
     if not _BEGUN:
         return
-    folder, wandb, tasks = _BEGUN.pop()
+    folder, wandb = _BEGUN.pop()
     records = [
         JobRecord(**json.loads(file.read_text()))
         for file in sorted((folder / "jobs").glob("*.json"), key=lambda file: int(file.stem))
@@ -81,7 +81,8 @@ def end_sweep() -> None:
     folders = {record.output_dir for record in records if record.output_dir}
     beside = Path(os.path.commonpath(folders)) if folders else folder
     suites = [*dict.fromkeys(record.suite for record in records if record.suite)]
-    _sum_up(folder, wandb, [chosen_task(task) for task in tasks], suites, beside)
+    tasks = [chosen_task(task) for task in dict.fromkeys(chain(*(record.tasks for record in records)))]
+    _sum_up(folder, wandb, tasks, suites, beside)
     if failed:
         _say_failed(failed, folder)
 
