@@ -9,6 +9,23 @@ from torch import Tensor
 
 
 @runtime_checkable
+class ArmBody(Protocol):
+    """An arm's body among the task's obstacles, without dynamics."""
+
+    def tool(
+        self, joints: Float[np.ndarray, "n dof"]
+    ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n 6 dof"]]:
+        """Where the tool is, in [m], where it points, and its Jacobian: velocity, then turn, without what the
+        controller leaves free."""
+
+    def nearest(
+        self, joints: Float[np.ndarray, "n dof"], obstacles: Float[np.ndarray, "k 4"]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n dof"]]:
+        """Distance to the nearest obstacle, in [m], less than 0 inside, and its slope along the joints; infinite,
+        without slope, if none is near. Places as in `policies.guidance.Guidance.meet`."""
+
+
+@runtime_checkable
 class ArmController(Protocol):
     """What an arm's own controller makes of commands, without dynamics (`envs.task.Task.controller`).
 
@@ -28,6 +45,9 @@ class ArmController(Protocol):
         self, joints: Float[np.ndarray, "n dof"], places: Float[np.ndarray, "n t 3"], directions: np.ndarray
     ) -> tuple[Float[np.ndarray, "n t 3"], Float[np.ndarray, "n t 3"]]:
         """Where the tool gets, in [m], and where it points, after each of several commands, one after another."""
+
+    def body(self, near: float) -> ArmBody:
+        """The arm's body, to which obstacles at less than so many [m] are near."""
 
 
 class ArmRows:

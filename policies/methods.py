@@ -26,6 +26,7 @@ _ENOUGH = "merit from which on ways count as alike: 1 less what the pose at the 
 _DESCENT = "descent of the normalised clean actions per unit of the cost's slope along the chunk"
 _IN_NOISE = "how much of the slope along the chunk is added to the noise, in normalised action units"
 _TRACKING = "descent of the actions, in m and rad, per unit of the tracking cost's slope, in m^2 and rad^2"
+_AWAY = "how far the arm's body is kept from obstacles, in [m]"
 _INSIDE = "how far inside the border the chunk is kept, in [m]"
 
 METHODS = {
@@ -344,6 +345,26 @@ METHODS = {
             scale=_TRACKING,
             first=0.0078125,
             follows=True,
+        ),
+        Method(
+            name="embodisteer",
+            entry_point="policies.body_methods:embodisteer",
+            text="EmbodiSteer's rule: the body kept off obstacles in the joints, as the chunk is sampled",
+            field=None,
+            scale=_AWAY,
+            first=0.0025,
+            follows=True,
+            avoids=True,
+        ),
+        Method(
+            name="embodisteer_command",
+            entry_point="policies.body_methods:embodisteer_command",
+            text="its correction of the executed command alone",
+            field=None,
+            scale=_AWAY,
+            first=0.0025,
+            follows=True,
+            avoids=True,
         ),
         Method(
             name="plan_by_map",

@@ -40,6 +40,9 @@ class Sphere:
         aside[..., :2] = aside[..., :2].clip(-0.2, 0.2)
         return places * np.minimum(1, REACH / distance), aside
 
+    def body(self, near):
+        raise NotImplementedError("Methods of tracking do not ask for it.")
+
 
 def made(name, scale, space, controller=None):
     return METHODS[name].make(Setup(scale, None, (0.0, 0.0), 0, space, None, controller))

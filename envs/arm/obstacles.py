@@ -59,6 +59,9 @@ class Surroundings:
         cuboids: Which.
         rod: Length of the rod, in [m].
         near: What counts as near, in [m].
+
+    Attributes:
+        model, data: The arm, the rod and the cuboids, as MuJoCo has them.
     """
 
     def __init__(self, arm: PlacedArm, cuboids: Sequence[Cuboid], rod: float, near: float) -> None:
@@ -66,34 +69,56 @@ class Surroundings:
         for name, cuboid in zip(names(len(cuboids)), cuboids, strict=True):
             box = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": cuboid.half, "margin": near}
             spec.worldbody.add_body(name=name, mocap=True).add_geom(name=name, contype=0, conaffinity=ARM_BIT, **box)
-        self._model = spec.compile()
-        tighten_bounds(self._model)
-        self._data = mujoco.MjData(self._model)
-        self._number = {self._model.geom(name).id: i for i, name in enumerate(names(len(cuboids)))}
+        self.model = spec.compile()
+        tighten_bounds(self.model)
+        self.data = mujoco.MjData(self.model)
+        self._number = {self.model.geom(name).id: i for i, name in enumerate(names(len(cuboids)))}
 
     def is_near(self, places: Places, joints: Float[np.ndarray, "m dof"]) -> Bool[np.ndarray, " m"]:
         """In which of these configurations, in [rad], the arm is near to one of the cuboids."""
-        put(self._data, range(len(places)), places)
+        put(self.data, range(len(places)), places)
         return np.array([bool(self._near(q)) for q in joints], dtype=bool)
 
     def stay_clear(self, places: Places, joints: Float[np.ndarray, "m dof"]) -> Bool[np.ndarray, " cuboids"]:
         """Which of the cuboids the arm is near to in none of these configurations, in [rad]."""
-        put(self._data, range(len(places)), places)
+        put(self.data, range(len(places)), places)
         clear = places[:, 2] > AWAY
         for q in joints:
             for i in self._near(q):
                 clear[i] = False
-                self._data.mocap_pos[i, 2] = AWAY
+                self.data.mocap_pos[i, 2] = AWAY
             if not clear.any():
                 break
         return clear
 
+    def nearest(
+        self, places: Places, joints: Float[np.ndarray, "m dof"]
+    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m dof"]]:
+        """Distance from the nearest cuboid in these configurations, in [m], and its slope along the joints; infinite
+        and 0 where none is near."""
+        put(self.data, range(len(places)), places)
+        distance, slope = np.full(len(joints), np.inf), np.zeros(joints.shape)
+        for k, q in enumerate(joints):
+            if self._near(q):
+                near = np.argmin(self.data.contact.dist)
+                distance[k], slope[k] = self.data.contact.dist[near], self._slope(self.data.contact[near])
+        return distance, slope
+
+    def _slope(self, contact: mujoco.MjContact) -> Float[np.ndarray, " dof"]:
+        """Of a contact's distance along the joints."""
+        mujoco.mj_comPos(self.model, self.data)
+        side = int(contact.geom[0] in self._number)  # Whose geom is the arm's; the normal points to that of side 1.
+        away = (2 * side - 1) * contact.frame[:3]
+        point, moves = contact.pos + contact.dist / 2 * away, np.empty((3, self.model.nv))
+        mujoco.mj_jac(self.model, self.data, moves, None, point, self.model.geom_bodyid[contact.geom[side]])
+        return away @ moves
+
     def _near(self, q: Float[np.ndarray, " dof"]) -> set[int]:
         """Numbers of the cuboids that the arm is near to."""
-        data = self._data
+        data = self.data
         data.qpos[:] = q
-        mujoco.mj_kinematics(self._model, data)
-        mujoco.mj_collision(self._model, data)
+        mujoco.mj_kinematics(self.model, data)
+        mujoco.mj_collision(self.model, data)
         return (
             {self._number[i] for i in data.contact.geom.ravel().tolist() if i in self._number} if data.ncon else set()
         )

@@ -3,8 +3,10 @@
 import numpy as np
 from jaxtyping import Float
 
+from envs.arm.body import ArmBody
+from envs.arm.cuboid import first_of
 from envs.arm.placed_arm import PlacedArm, start_posture
-from envs.block_push.workspace import HEIGHT, POSES
+from envs.block_push.workspace import CUBOIDS, HEIGHT, POSES
 from richmap.motion.kinematics import flange_frames
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
@@ -53,3 +55,8 @@ class PushController:
         turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])  # Of row vectors.
         got = position @ turn + self._arm.kinematic_base, rotation[:, :, 2] @ turn
         return got[0].reshape(places.shape), got[1].reshape(places.shape)
+
+    def body(self, near: float) -> ArmBody:
+        """The arm's body, to which obstacles at less than so many [m] are near."""
+        cuboids = first_of(CUBOIDS, self._arm.obstacles)
+        return ArmBody(self._arm, cuboids, near, ahead=0.0, rod=self._arm.tool_length, rolls_freely=False)

@@ -3,11 +3,15 @@
 import numpy as np
 from jaxtyping import Float
 
+from envs.arm.body import ArmBody
+from envs.arm.cuboid import first_of
 from envs.arm.placed_arm import PlacedArm
 from envs.press_buttons import motion
 from envs.press_buttons.model import PressModel
 from envs.press_buttons.twin import ToolKinematics
+from envs.press_buttons.workspace import CUBOIDS
 from richmap.motion.kinematics import forward
+from richmap.task_spaces.press_buttons import ROD
 
 
 class PressController:
@@ -18,7 +22,7 @@ class PressController:
     """
 
     def __init__(self, arm: PlacedArm) -> None:
-        self._tool, self._model = ToolKinematics(arm), PressModel(arm)
+        self._arm, self._tool, self._model = arm, ToolKinematics(arm), PressModel(arm)
         self.weight = self._tool.weight
 
     def start(self) -> Float[np.ndarray, " dof"]:
@@ -45,3 +49,7 @@ class PressController:
                 forward(tool.frames, q, got[i, k], turned)
                 pointing[i, k] = turned[:, 2]
         return got, pointing
+
+    def body(self, near: float) -> ArmBody:
+        """The arm's body, to which obstacles at less than so many [m] are near."""
+        return ArmBody(self._arm, first_of(CUBOIDS, self._arm.obstacles), near, ahead=ROD, rod=ROD, rolls_freely=True)
