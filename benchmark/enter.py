@@ -2,6 +2,7 @@
 
 python -m benchmark.enter entry=my_entry
 python -m benchmark.enter entry=my_entry suite=full
+python -m benchmark.enter entry=my_entry suite=full only=[push-ur5-elbow]
 python -m benchmark.enter entry=my_entry suite=full final=true
 python -m benchmark.enter entry=their_entry table=their_entry.parquet
 """
@@ -20,7 +21,7 @@ from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.sent_rows import nearest, otherwise, refusals
 from benchmark.scoring.ranking import Protocol, protocols_of
 from benchmark.settings.command import SettingError, check_setting, run_command
-from benchmark.settings.config import LimitsConfig, RunConfig
+from benchmark.settings.config import ConditionConfig, LimitsConfig, RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.robot_config import PAPER_ARMS, RobotConfig
 from benchmark.settings.scenes import FIRST_TEST_SEED, VALIDATION
@@ -75,6 +76,8 @@ class EnterConfig:
     """Conditions on all of which the entry is rolled out, in place of task, robots and settings (see benchmark.run), on
     50 validation scenes unless final=true: full for its place among all methods, a policy of its own on a suite of its
     task, such as push-v1."""
+    only: list[str] = field(default_factory=list)
+    """With suite=: some of its conditions by name, as in only=[push-ur5-elbow]; empty for all."""
     final: bool = False
     """With suite=: whether it is rolled out on the suite's test scenes, true or false. A final run with other files of
     the entry than the one before is a further row, as my-entry~2."""
@@ -108,7 +111,7 @@ class EnterConfig:
         check_setting(bool(self.seeds), "seeds", self.seeds, "one or more whole numbers")
         tuned = not self.scale or self.scenes.start < FIRST_TEST_SEED
         check_setting(tuned, "scale", self.scale, "none on test episodes; try scales with seed_start=50000")
-        for name in ("robots", "settings", "seeds", "scale"):
+        for name in ("robots", "settings", "seeds", "scale", "only"):
             given = getattr(self, name)
             check_setting(len({*given}) == len(given), name, given, "each of them once")
         self.runs("")
@@ -117,7 +120,10 @@ class EnterConfig:
         """Take the scenes that a suite has."""
         if not self.suite:
             check_setting(not self.final, "final", self.final, "false without suite=")
+            check_setting(not self.only, "only", self.only, "empty without suite=")
             return
+        known = suite_conditions(self.suite)
+        check_setting({*self.only} <= {*known}, "only", self.only, f"some of {', '.join(known)}")
         scenes = suite_scenes(self.suite)
         if self.final:
             tests = scenes.start >= FIRST_TEST_SEED
@@ -145,12 +151,17 @@ class EnterConfig:
             protocol for protocol in protocols_of(chosen_task(self.task)) if self.settings[0] in protocol.settings
         )
 
+    @property
+    def conditions(self) -> dict[str, ConditionConfig]:
+        """Those of the suite that are asked for."""
+        return {name: each for name, each in suite_conditions(self.suite).items() if name in (self.only or [name])}
+
     def runs(self, name: str) -> list[list[RunConfig]]:
         """Settings of the rollouts of what is called so, task by task: of each arm and setting, or of a suite."""
         names = {each.name for each in fields(RunConfig)} & {*vars(self)} - {"output_dir"}
         given = {each: getattr(self, each) for each in names} | {"output_dir": str(Path(self.output_dir, name))}
         if self.suite:
-            return [[part] for part in RunConfig(conditions=suite_conditions(self.suite), **given).parts]
+            return [[part] for part in RunConfig(conditions=self.conditions, **given).parts]
         arms = [(robot, setting) for setting in self.settings for robot in self.robots]
         return [[RunConfig(robot=RobotConfig(robot), setting=setting, **given) for robot, setting in arms]]
 
@@ -171,11 +182,11 @@ def main(config: EnterConfig) -> None:
     from benchmark.scoring.suite_table import show_suite
 
     console, tables = Console(), []
-    tasks = tasks_of(suite_conditions(config.suite)) if config.suite else [config.task]
+    tasks = tasks_of(config.conditions) if config.suite else [config.task]
     if entry.about.policy and len(tasks) > 1:
         raise SettingError(
             f"entry={entry.folder} has a policy of its own, which is for one task, and suite={config.suite} has "
-            f"{' and '.join(tasks)}. Give a suite of its task: push-v1 or buttons-v1."
+            f"{' and '.join(tasks)}. Give a suite of its task, push-v1 or buttons-v1, or only= conditions of its task."
         )
     if config.final:
         entry = entry.numbered(final_rows(config, entry))
@@ -195,7 +206,7 @@ def main(config: EnterConfig) -> None:
             tables += [evaluate(entry, rollouts, runs[0], console), direct_transfer(config, direct, console)]
     if config.suite and tables:
         ceilings, rows = read_ceilings(ceilings_file(config.suite)), pd.concat(tables, ignore_index=True)
-        show_suite(config.suite, suite_conditions(config.suite), rows, ceilings)
+        show_suite(config.suite, config.conditions, rows, ceilings)
     elif tables:
         show_results(pd.concat(tables, ignore_index=True), task, Path(runs[0].output_dir))
 

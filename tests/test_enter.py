@@ -30,7 +30,6 @@ from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.scoring.ranking import counted, protocols_of
 from benchmark.settings.command import SettingError
-from benchmark.settings.suite import suite_conditions
 from envs.block_push.outcome import EpisodeOutcome
 from envs.block_push.scene import draw_scene
 from envs.block_push.task import BLOCK_PUSH
@@ -438,16 +437,13 @@ def test_the_hash_is_of_names_and_contents_and_of_nothing_that_python_leaves(tmp
 
 @pytest.fixture
 def small_suite(monkeypatch):
-    """The full suite with a condition of each task and one scene."""
-    conditions = suite_conditions("full")
-    few = {name: conditions[name] for name in ("push-ur5", "buttons-gen3")}
-    monkeypatch.setattr(enter, "suite_conditions", lambda name: few)
+    """The full suite with one scene."""
     monkeypatch.setattr(enter, "suite_scenes", lambda name: range(160_000, 160_001))
     monkeypatch.setattr(enter, "SUITE_EPISODES", 1)
 
 
 def on_suite(entry, output, **values):
-    few = {"suite": "full", "seeds": [42], "batch_size": 1, "workers": 1, "device": "cpu"}
+    few = {"suite": "full", "only": ["push-ur5", "buttons-gen3"], "seeds": [42], "batch_size": 1, "workers": 1}
     return EnterConfig(entry=str(entry), output_dir=str(output), **few | values)
 
 
@@ -478,16 +474,14 @@ def test_an_entry_is_tried_and_entered_on_a_suite_and_a_second_final_run_is_a_fu
     assert capsys.readouterr().out.count("is accepted: 1 rows") == 2
 
 
-def test_a_final_run_that_is_refused_takes_no_earlier_one_with_it(brief, small_suite, tmp_path, monkeypatch):
-    few = {"push-ur5": suite_conditions("full")["push-ur5"]}
-    monkeypatch.setattr(enter, "suite_conditions", lambda name: few)
+def test_a_final_run_that_is_refused_takes_no_earlier_one_with_it(brief, small_suite, tmp_path):
     folder, output = write_entry(tmp_path / "half-speed"), tmp_path / "out"
-    enter.main(on_suite(folder, output, final=True))
+    enter.main(on_suite(folder, output, final=True, only=["push-ur5"]))
     first = read_episodes(output / "half-speed")
     code = (folder / "guidance.py").read_text()
     (folder / "guidance.py").write_text("import torch\n" + code.replace("chunk\n", "chunk * torch.rand(1)\n"))
     with pytest.raises(SettingError, match="come out alike when it is run alone"):
-        enter.main(on_suite(folder, output, final=True))
+        enter.main(on_suite(folder, output, final=True, only=["push-ur5"]))
     pd.testing.assert_frame_equal(read_episodes(output / "half-speed"), first)
     (refused,) = (output / "half-speed").glob("refused-*")
     assert refused.is_dir()
@@ -496,14 +490,20 @@ def test_a_final_run_that_is_refused_takes_no_earlier_one_with_it(brief, small_s
 @pytest.mark.parametrize(
     "values, said",
     [
-        ({"final": True, "suite": ""}, "final=True is not allowed. Allowed: false without suite="),
-        ({"suite": "quick", "final": True}, "Allowed: with final=true, one that has test scenes, such as full"),
+        ({"only": [], "final": True, "suite": ""}, "final=True is not allowed. Allowed: false without suite="),
+        ({"suite": ""}, "only=['push-ur5', 'buttons-gen3'] is not allowed. Allowed: empty without suite="),
+        ({"only": ["push-ur9"]}, "only=['push-ur9'] is not allowed. Allowed: some of push-ur3-near-10cm, "),
+        ({"only": ["push-ur5"] * 2}, "Allowed: each of them once"),
+        (
+            {"only": [], "suite": "quick", "final": True},
+            "Allowed: with final=true, one that has test scenes, such as full",
+        ),
         ({"final": True, "episodes": 3}, "Allowed: false with scenes of your own"),
         ({"seed_start": 150_000}, "Allowed: validation scenes, 50000 to 59999, without final=true"),
         ({"seed_start": 0}, "seed_start=0 is not allowed. Allowed: validation scenes"),
         ({"seed_start": 59_990}, "seed_start=59990 is not allowed. Allowed: validation scenes"),
         ({"episodes": 0}, "episodes=0 is not allowed"),
-        ({"suite": "nonsense"}, "suite=nonsense is not allowed"),
+        ({"only": [], "suite": "nonsense"}, "suite=nonsense is not allowed"),
     ],
 )
 def test_a_suite_says_which_scenes_are_taken(values, said, tmp_path):
