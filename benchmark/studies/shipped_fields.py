@@ -1,4 +1,4 @@
-"""Makes the scalar fields that ship, those of the suites' conditions of block push, so that nobody waits for maps.
+"""Makes the scalar fields that ship, those of the suites' conditions, so that nobody waits for maps.
 
 python -m benchmark.studies.shipped_fields
 """
@@ -53,8 +53,9 @@ def main(config: ShippedFieldsConfig) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for kind in config.kinds:
         for suite in config.suites:
-            conditions = {name: each for name, each in suite_conditions(suite).items() if one_height(each.task)}
-            for name, arm in suite_arms(conditions).items():
+            conditions = suite_conditions(suite)
+            made = {name: each for name, each in conditions.items() if kind != "feasibility" or one_height(each.task)}
+            for name, arm in suite_arms(made).items():
                 _, file = guidance_field(kind, arm, MapConfig(), EnergyConfig(), config.workers, console)
                 assert file is not None
                 if not (folder / file.name).exists():
