@@ -120,6 +120,7 @@ def test_the_form_of_older_lerobot_is_read(write):
         ('{"per_episode": [{"success": true, "sum_reward": NaN}]}', "a sum of rewards is nan, not a finite number"),
         ({"per_episode": [{"success": True, "sum_reward": 10**400}]}, "a sum of rewards is 1000"),
         (lerobots(("pusht", 0, "1"), seeds=[1 << 63]), "a seed is 9223372036854775808, not a whole number"),
+        (lerobots(("pusht", 0, "110"), seeds=[7, 8, 7]), "it holds seed 7 twice, which cannot be paired"),
         ('{"per_task": ' + "[" * 100_000, "cannot be read"),
     ],
 )

@@ -57,11 +57,14 @@ def read_eval_info(path: Path) -> "pd.DataFrame":
         episodes = [*_episodes(info)]
         if not episodes:
             raise ValueError("it holds no episodes")
+        table = pd.DataFrame(episodes, columns=COLUMNS)
+        doubled = table[table.seed.notna() & table.duplicated(["group", "task_id", "seed"])]
+        if len(doubled):
+            raise ValueError(f"it holds seed {doubled.seed.iloc[0]} twice, which cannot be paired")
     except (OSError, ValueError, RecursionError) as error:
         raise SettingError(
             f"{file} cannot be read: {error}. Give an {FILE} as lerobot-eval writes it, or the folder that it is in."
         ) from error
-    table = pd.DataFrame(episodes, columns=COLUMNS)
     table.attrs["seeded"] = bool(table.seed.notna().all())
     if not table.attrs["seeded"]:
         table["seed"] = table.groupby(["group", "task_id"]).cumcount()
