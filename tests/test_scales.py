@@ -142,7 +142,6 @@ def test_a_scale_is_chosen_over_all_conditions_within_the_budget(simulated, tmp_
     assert len(simulated) <= 40 and {run[:2] for run in simulated} >= {("direct", 0.0), ("towards", 0.1)}
     chosen = read_scales(scales_file(str(tmp_path), BLOCK_PUSH.name))["towards"]
     assert chosen["scale"] == 0 and chosen["tried"][0.05] == 1 and chosen["tried"][0.1] == 0  # Nothing gains: off.
-    assert max(chosen["tried"]) == 0.1  # It has collapsed there, and goes no further.
     before = len(simulated)
     choose_scales.main(scale_choice.ChooseScalesConfig(**given | {"methods": ["away"]}))
     assert not [run for run in simulated[before:] if run[0] == "direct"]  # Those of off are shared.

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
 BUDGET = 1500
 """Most validation episodes of a method, "off" among them."""
-COLLAPSED = 0.5
-"""Of what is done without the method: what does less has collapsed."""
 
 
 @dataclass
@@ -95,18 +93,15 @@ class ChooseScalesConfig:
 
 
 def choose(config: ChooseScalesConfig, method: str, console: "Console") -> dict[str, Any]:
-    """The scale that does best over all conditions together, of equal ones the smallest, and what each came to. After
-    one at which the method does not do half of what it does off, greater ones are not tried."""
+    """The scale that does best over all conditions together, of equal ones the smallest, and what each came to."""
     from benchmark.artifacts.commit import commit
     from benchmark.rollouts.missing_episodes import play_and_store
 
-    stages, tried = _stages(config, method, console), dict[float, float]()
-    for scale in (0.0, *METHODS[method].scales(config.points)):
-        rollouts = [stage.rollout(scale) for stage in stages]
-        tables = play_and_store(rollouts, config.run(method), console, f"{method} {scale:g}")
-        tried[scale] = round(float(np.mean([table[stages[0].task.ranking[0]].mean() for table in tables])), 4)
-        if tried[scale] < COLLAPSED * tried[0.0]:
-            break
+    stages, scales = _stages(config, method, console), [0.0, *METHODS[method].scales(config.points)]
+    rollouts = [stage.rollout(scale) for scale in scales for stage in stages]
+    tables = play_and_store(rollouts, config.run(method), console, method)
+    scores = np.array([table[stages[0].task.ranking[0]].mean() for table in tables]).reshape(len(scales), -1).mean(1)
+    tried = {scale: round(float(score), 4) for scale, score in zip(scales, scores, strict=True)}
     best = max(tried, key=lambda scale: (tried[scale], -scale))
     about = {"suite": config.suite, "episodes_per_scale": len(stages) * config.episodes, "commit": commit()}
     version = max(stage.task.episode_version(stage.arm.setting) for stage in stages)
