@@ -16,6 +16,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from envs import ENVIRONMENTS
+from richmap.outputs import DrawingError
 from tests.egl import needs_egl
 
 pytestmark = [pytest.mark.system, needs_egl]
@@ -179,3 +180,16 @@ def test_a_window_needs_pygame_which_is_said():
         pytest.skip("pygame is here.")
     with pytest.raises(gymnasium.error.DependencyNotInstalled, match="pygame"):
         make("human").reset(seed=0)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # Gymnasium's, of a worker that has failed.
+def test_a_fork_of_a_process_that_has_drawn_says_so_and_does_not_hang(drawn):
+    drawn.render()
+    workers = gymnasium.make_vec(ENVIRONMENTS["ur3"], num_envs=1, vectorization_mode="async", render_mode="rgb_array")
+    try:
+        workers.reset(seed=1)
+        with pytest.raises(DrawingError, match='vector_kwargs={"context": "spawn"}'):
+            workers.render()
+    finally:
+        workers.close(terminate=True)
+    assert drawn.render().any()

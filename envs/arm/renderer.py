@@ -19,6 +19,8 @@ LARGEST = 2048
 MISSING = "Install it, on Debian by: apt install libegl1 libgl1-mesa-dri."
 
 _open: "WeakSet[Renderer]" = WeakSet()
+_drawing: int | None = None
+"""The process that has begun to draw; a fork of it has this number, too."""
 
 
 class Renderer:
@@ -58,6 +60,7 @@ class Renderer:
 
     def draw(self, data: mujoco.MjData, width: int, height: int) -> UInt8[np.ndarray, "height width 3"]:
         """What the front camera sees, in at most the size that the renderer was made for."""
+        _check_process()
         self._context.make_current()
         view = mujoco.MjrRect(0, 0, width, height)
         every = mujoco.mjtCatBit.mjCAT_ALL
@@ -69,7 +72,7 @@ class Renderer:
 
     def close(self) -> None:
         """Give the graphics memory back: its own, so its own context has to be the current one."""
-        if self._buffers is not None:
+        if self._buffers is not None and not _is_forked():
             self._context.make_current()
             self._buffers.free()
             self._context.free()
@@ -101,6 +104,9 @@ def _egl_context(width: int, height: int) -> Any:
     Raises:
         DrawingError: If there is none, with what may be the cause.
     """
+    global _drawing
+    _check_process()
+    _drawing = os.getpid()
     try:
         from mujoco.egl import GLContext
 
@@ -113,6 +119,19 @@ def _egl_context(width: int, height: int) -> Any:
     atexit.unregister(_close_all)  # So that it is called before EGL ends, which was registered just now.
     atexit.register(_close_all)
     return context
+
+
+def _is_forked() -> bool:
+    return _drawing not in (None, os.getpid())
+
+
+def _check_process() -> None:
+    """Refuse to draw where EGL would wait for threads that a fork does not have."""
+    if _is_forked():
+        raise DrawingError(
+            "This process was forked from one that had drawn, and cannot draw. Start it by spawn: "
+            'gymnasium.make_vec(..., vectorization_mode="async", vector_kwargs={"context": "spawn"}).'
+        )
 
 
 def _reason(error: Exception) -> str:
