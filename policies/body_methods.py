@@ -28,7 +28,7 @@ UPDATES = 10
 """Of the joints of a chunk that is lifted at once."""
 
 
-class Lift:
+class BodyGuidance(Guidance):
     r"""Joint trajectories of chunks, brought towards what chunks command by Jacobian updates.
 
     :math:`\Delta q = J^T (J J^T + \lambda I)^{-1} \Delta x`, each joint by no more than `LONGEST`.
@@ -51,13 +51,11 @@ class Lift:
         self.twists = path.space.steps.jacobian
 
     def reset(self, rows: Sequence[int] | None) -> None:
-        """Episodes begin, without obstacles."""
         self._rows.reset(rows)
         for row in [*self._obstacles] if rows is None else rows:
             self._obstacles.pop(row, None)
 
     def meet(self, rows: Sequence[int], places: Float[np.ndarray, "rows k 4"]) -> None:
-        """Obstacles are there."""
         self._obstacles |= dict(zip(rows, places, strict=True))
 
     def begin(self, state: Float[Tensor, "b state"]) -> None:
@@ -97,7 +95,7 @@ class Lift:
 
 
 @final
-class JointSteering(Guidance):
+class JointSteering(BodyGuidance):
     r"""The chunk lifted to the joints, and the body corrected, after each denoising step.
 
     The correction is the least one, in :math:`\Delta q^T (J^T W J + \lambda I) \Delta q`, that comes away from
@@ -106,17 +104,8 @@ class JointSteering(Guidance):
 
     settles = True
 
-    def __init__(self, lift: Lift) -> None:
-        self.lift = lift
-
-    def reset(self, rows: Sequence[int] | None) -> None:
-        self.lift.reset(rows)
-
-    def meet(self, rows: Sequence[int], places: Float[np.ndarray, "rows k 4"]) -> None:
-        self.lift.meet(rows, places)
-
     def push(self, state: Float[Tensor, "b state"]) -> None:
-        self.lift.begin(state)
+        self.begin(state)
 
     def settle(
         self,
@@ -127,63 +116,54 @@ class JointSteering(Guidance):
         state: Float[Tensor, "b state"],
     ) -> Float[Tensor, "b t action"]:
         strength = 1 / (1 + math.exp(-STEEPNESS * (TURN - share)))
-        for row, joints, jacobian in self.lift.updated(actions, state):
-            short, slope = self.lift.short_of(row, joints)
+        for row, joints, jacobian in self.updated(actions, state):
+            short, slope = self.short_of(row, joints)
             metric = jacobian.transpose(0, 2, 1) @ WEIGHTS @ jacobian + REGULAR * np.eye(joints.shape[1])
             change = _least(metric, slope, strength * short).clip(-MOST, MOST)
-            self.lift.joints[row] = joints + change
-            actions = self.lift.moved(actions, row, (jacobian @ change[..., None])[..., 0])
+            self.joints[row] = joints + change
+            actions = self.moved(actions, row, (jacobian @ change[..., None])[..., 0])
         return actions
 
 
 @final
-class CommandCorrection(Guidance):
+class CommandCorrection(BodyGuidance):
     r"""The same correction on the sampled chunk alone, and only by what commands can do.
 
     It is the least change of commanded poses, in :math:`\Delta x^T W \Delta x`, where joints follow by
     :math:`J^T (J J^T + \lambda I)^{-1} \Delta x`.
     """
 
-    def __init__(self, lift: Lift) -> None:
-        self.lift = lift
-
-    def reset(self, rows: Sequence[int] | None) -> None:
-        self.lift.reset(rows)
-
-    def meet(self, rows: Sequence[int], places: Float[np.ndarray, "rows k 4"]) -> None:
-        self.lift.meet(rows, places)
-
     def correct(
         self, chunk: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
     ) -> Float[Tensor, "b t action"]:
-        self.lift.begin(state)
+        self.begin(state)
         for _ in range(UPDATES):
-            lifted = self.lift.updated(chunk, state)
-        twists = self.lift.twists
+            lifted = self.updated(chunk, state)
+        twists = self.twists
         for row, joints, jacobian in lifted:
-            short, slope = self.lift.short_of(row, joints)
+            short, slope = self.short_of(row, joints)
             follow = _inverse(jacobian) @ twists
             metric = np.broadcast_to(twists.T @ WEIGHTS @ twists, (len(joints), *[twists.shape[1]] * 2))
             change = _least(metric, (slope[:, None] @ follow)[:, 0], short)
             most = np.abs(follow @ change[..., None]).max((1, 2))
             change *= np.minimum(1.0, MOST / np.maximum(most, 1e-9))[:, None]
-            chunk = self.lift.moved(chunk, row, change @ twists.T)
+            chunk = self.moved(chunk, row, change @ twists.T)
         return chunk
 
 
 def embodisteer(given: Setup) -> JointSteering:
     """EmbodiSteer's rule."""
-    return JointSteering(_lift(given))
+    return JointSteering(*_known(given))
 
 
 def embodisteer_command(given: Setup) -> CommandCorrection:
     """Its correction on the executed command alone."""
-    return CommandCorrection(_lift(given))
+    return CommandCorrection(*_known(given))
 
 
-def _lift(given: Setup) -> Lift:
+def _known(given: Setup) -> tuple[ArmController, FlangePath, float]:
     assert given.controller is not None  # `policies.method` has seen to it.
-    return Lift(given.controller, FlangePath(given.space), given.scale)
+    return given.controller, FlangePath(given.space), given.scale
 
 
 def _inverse(jacobian: Float[np.ndarray, "n 6 dof"]) -> Float[np.ndarray, "n dof 6"]:

@@ -118,7 +118,7 @@ def test_joints_of_a_denoised_chunk_keep_the_margin(name):
     guidance.meet([0], obstacles[None])
     moved = denoised(guidance, chunk, state)
     assert torch.equal(moved[1], chunk[1])
-    assert guidance.lift.body.nearest(guidance.lift.joints[0], obstacles)[0].min() > 0.045
+    assert guidance.body.nearest(guidance.joints[0], obstacles)[0].min() > 0.045
     assert (moved[0] - chunk[0]).abs().max() > 1e-3
 
 
