@@ -160,6 +160,16 @@ METHODS = {
             avoids=True,
         ),
         Method(
+            name="reorder_kept",
+            entry_point="policies.block_push.reorder:reorder_kept",
+            text="and commands kept inside of what the arm can hold",
+            field="feasibility",
+            scale="how far inside the border a push must keep the tool, in [m], to be made first",
+            first=0.0025,
+            task="block_push",
+            avoids=True,
+        ),
+        Method(
             name="chunk_witness",
             entry_point="policies.directional_methods:pose_chunk",
             text="down the slope of directions that only the source has, along the chunk",

@@ -8,7 +8,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from policies.block_push.push_reach import overreach
+from policies.flange_path import FlangePath
 from policies.guidance import Guidance
+from policies.guidance_methods import Projection
 from policies.setup import Setup
 from richmap.similarity.signed_distance import SignedDistanceField
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE, PLACED
@@ -19,9 +21,10 @@ BLOCKS, TARGETS = (
     for names in (("block", "block2"), ("target", "target2"))
 )
 """Where their xy are in a scene."""
+INSIDE = 0.00125
+"""How far inside the border commands are kept, in [m]: what was chosen for `projection` alone."""
 
 
-@final
 class Reorder(Guidance):
     """Leaves for later what the arm cannot push: the policy is shown that block as if it were in its target already.
 
@@ -70,6 +73,27 @@ class Reorder(Guidance):
         return shown
 
 
+@final
+class KeptReorder(Reorder):
+    """The same, and commands are kept inside of what the arm can hold, also among obstacles."""
+
+    path = FlangePath(BLOCK_PUSH_SPACE)
+
+    def correct(
+        self, chunk: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
+    ) -> Float[Tensor, "b t action"]:
+        kept = Projection(self.distance, INSIDE, self.path).correct(chunk, state)
+        for row, among in self._distances.items():
+            one = slice(row, row + 1)
+            kept[one] = Projection(among, INSIDE, self.path).correct(chunk[one], state[one])
+        return kept
+
+
 def reorder(given: Setup) -> Reorder:
     """What the arm cannot push is left for later."""
     return Reorder(given.field, given.scale, given.among)
+
+
+def reorder_kept(given: Setup) -> KeptReorder:
+    """And commands are kept inside of what the arm can hold."""
+    return KeptReorder(given.field, given.scale, given.among)
