@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from policies.block_push.push_reach import overreach
-from policies.block_push.reorder import Reorder
+from policies.block_push.reorder import KeptReorder, Reorder
 from policies.fields import MARGIN, Infeasibility, Ring, Towards, Turned
 from policies.flange_path import FlangePath
 from policies.guidance import Guidance, Unguided
@@ -318,10 +318,11 @@ def test_the_shown_scene_is_what_the_policy_acts_on(distance):
     assert not torch.equal(act(real, guidance), act(real, None))
 
 
-def test_each_row_is_looked_at_among_its_own_obstacles(distance):
+@pytest.fixture(scope="module")
+def among(distance):
     """A made-up obstacle takes what lies within 0.1 m of it from what the arm can hold."""
 
-    def among(places):
+    def held_among(places):
         x, y, _ = distance.grid.axes()
         points = np.stack(np.meshgrid(x, y, indexing="ij"), -1)
         held = np.linalg.norm(points - BASE, axis=-1) < OUTER
@@ -330,6 +331,10 @@ def test_each_row_is_looked_at_among_its_own_obstacles(distance):
         edge = distance.grid.cell_size
         return SignedDistanceField.from_feasible(held, (x[0] - edge / 2, y[0] - edge / 2), edge, 0.06, BASE, {})
 
+    return held_among
+
+
+def test_each_row_is_looked_at_among_its_own_obstacles(distance, among):
     guidance = Reorder(distance, 0.0, among)
     real = torch.cat([scene((0.35, -0.2), (0.42, -0.05), target2=(0.4, 0.2))] * 3)  # The arm can do it.
     state = torch.tensor([[0.3, -0.4, 0.3, -0.4]]).expand(3, 4)
@@ -339,6 +344,21 @@ def test_each_row_is_looked_at_among_its_own_obstacles(distance):
     assert (shown != real).all(1)[0].nonzero().flatten().tolist() == [0, 1]
     guidance.reset([0])
     assert torch.equal(guidance.imagine(real, state), real)
+
+
+def test_commands_are_kept_off_the_obstacles_of_their_own_row(distance, among):
+    guidance, obstacle = KeptReorder(distance, 0.0, among), np.array([0.35, -0.25])
+    guidance.meet([0, 2], np.array([[[*obstacle, 0.1, 0.0]], [[0.9, 0.9, 0.1, 0.0]]]))
+    state = torch.tensor([[0.3, -0.4, 0.3, -0.4]], dtype=torch.float64).expand(3, 4)
+    chunk = torch.tensor([[0.005, 0.015]], dtype=torch.float64).expand(3, 16, 2)  # Straight through it.
+    kept = guidance.correct(chunk, state)
+    assert torch.equal(kept[1:], chunk[1:])
+    places = state[:1, None, :2] + kept[:1].cumsum(1)
+    assert np.linalg.norm(places[0].numpy() - obstacle, axis=1).min() > 0.09
+    straight = state[0, :2] + chunk[0].cumsum(0)
+    assert np.linalg.norm(straight.numpy() - obstacle, axis=1).min() < 0.02
+    guidance.reset(None)
+    assert torch.equal(guidance.correct(chunk, state), chunk)
 
 
 def test_a_block_that_was_thrown_off_the_field_is_left_for_later(distance):
