@@ -426,7 +426,7 @@ GUIDED = tuple(name for name in METHODS if name != DIRECT)
 SWEPT = tuple(name for name in GUIDED if not METHODS[name].asks_the_arm)
 """Of these, those that a field is enough for: what is swept unless others are named."""
 
-BY_TASK = {"plan_for_arm": {"block_push": "reorder_among", "press_buttons": "way_on_arm"}}
+BY_TASK = {"plan_for_arm": {"block_push": "reorder_kept", "press_buttons": "way_on_arm"}}
 """Rules that are another method in each task, by the task's name: `plan_for_arm` shows the policy only what its arm can
 do. Rows and chosen scales bear the method's own name."""
 

@@ -100,7 +100,7 @@ def test_a_method_that_does_not_act_in_a_task_counts_there_as_direct_transfer():
 
 
 def test_a_rule_that_is_another_method_in_each_task_is_ranked_as_one():
-    rows = [rows_of("push", "reorder_among", 0.02, "1110")]
+    rows = [rows_of("push", "reorder_kept", 0.02, "1110")]
     rows += [rows_of(name, "way_on_arm", 4.0, "1100") for name in ("press", "easy")]
     of = standing("mine", CONDITIONS, CEILINGS, pd.concat([*direct(), *rows], ignore_index=True))
     row = of.methods.set_index("method").loc["plan_for_arm"]
@@ -111,7 +111,7 @@ def test_a_rule_that_is_another_method_in_each_task_is_ranked_as_one():
     assert push.count("+50.0 [") == 2  # The rule's and its method's.
     config = RunConfig(suite="mine", conditions=CONDITIONS, method="plan_for_arm", guidance_scale=None)
     assert [(part.task, part.method) for part in config.parts] == [
-        ("block_push", "reorder_among"), ("press_buttons", "way_on_arm"),
+        ("block_push", "reorder_kept"), ("press_buttons", "way_on_arm"),
     ]  # fmt: skip
     (alone,) = RunConfig(method="plan_for_arm", task="press_buttons").parts
     assert alone.method == "way_on_arm"
