@@ -3,7 +3,6 @@
 `docs/methods.md` says what was read of the paper and what is otherwise here.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from typing import final
 
@@ -15,7 +14,7 @@ from torch import Tensor
 from policies.arm_controller import ArmBody, ArmController, ArmRows
 from policies.flange_path import FlangePath
 from policies.guidance import Guidance
-from policies.published_rules import STEEPNESS, TURN
+from policies.published_rules import held_back
 from policies.setup import Setup
 
 DAMPING, LONGEST = 1e-3, 0.5
@@ -115,11 +114,10 @@ class JointSteering(BodyGuidance):
         share: float,
         state: Float[Tensor, "b state"],
     ) -> Float[Tensor, "b t action"]:
-        strength = 1 / (1 + math.exp(-STEEPNESS * (TURN - share)))
         for row, joints, jacobian in self.updated(actions, state):
             short, slope = self.short_of(row, joints)
             metric = jacobian.transpose(0, 2, 1) @ WEIGHTS @ jacobian + REGULAR * np.eye(joints.shape[1])
-            change = _least(metric, slope, strength * short).clip(-MOST, MOST)
+            change = _least(metric, slope, short / held_back(share)).clip(-MOST, MOST)
             self.joints[row] = joints + change
             actions = self.moved(actions, row, (jacobian @ change[..., None])[..., 0])
         return actions

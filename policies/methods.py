@@ -18,6 +18,7 @@ def method_named(name: str) -> Method:
 
 
 _SLOPE = "how much of the energy's slope, in [1/m], is added to the noise, in normalised action units"
+_PUSHED = "how far inside the border a push must keep the tool, in [m], to be made first"
 _BORDER = "push at the border of what the arm can hold, in normalised action units"
 _RADIAL = "push, the same everywhere, in normalised action units"
 _SAMPLES = "number of chunks sampled, of which the best is taken"
@@ -145,7 +146,7 @@ METHODS = {
             entry_point="policies.block_push.reorder:reorder",
             text="what the arm cannot push is left for later",
             field="feasibility",
-            scale="how far inside the border a push must keep the tool, in [m], to be made first",
+            scale=_PUSHED,
             first=0.0025,
             task="block_push",
         ),
@@ -154,7 +155,7 @@ METHODS = {
             entry_point="policies.block_push.reorder:reorder",
             text="the same, also for obstacles",
             field="feasibility",
-            scale="how far inside the border a push must keep the tool, in [m], to be made first",
+            scale=_PUSHED,
             first=0.0025,
             task="block_push",
             avoids=True,
@@ -164,7 +165,7 @@ METHODS = {
             entry_point="policies.block_push.reorder:reorder_kept",
             text="and commands kept inside of what the arm can hold",
             field="feasibility",
-            scale="how far inside the border a push must keep the tool, in [m], to be made first",
+            scale=_PUSHED,
             first=0.0025,
             task="block_push",
             avoids=True,

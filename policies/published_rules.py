@@ -148,6 +148,11 @@ STEEPNESS, TURN = 50.0, 0.7
 of it is there; the curve of CoDiG with EmbodiSteer's numbers (arXiv 2606.12965, Eq. 16)."""
 
 
+def held_back(share: float) -> float:
+    """By how much a correction is divided where the noise is so far on its way to pure noise, from 0 to 1."""
+    return 1 + math.exp(-STEEPNESS * (TURN - share))
+
+
 @final
 class BarrierInScore(Guidance):
     r"""A barrier's slope in the score, more of it the less noise there is (CoDiG, arXiv 2505.13131).
@@ -168,7 +173,7 @@ class BarrierInScore(Guidance):
         return self.barrier.descent(actions, state)
 
     def weight(self, alpha: Float[Tensor, ""], share: float) -> Float[Tensor, ""]:
-        return (1 - alpha).sqrt() / (1 + math.exp(-STEEPNESS * (TURN - share)))
+        return (1 - alpha).sqrt() / held_back(share)
 
 
 def dynaguide_feasibility(given: Setup) -> DynaGuide:

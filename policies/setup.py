@@ -32,5 +32,5 @@ class Setup:
     controller: ArmController | None = None
     """The arm's own controller, if the method asks it."""
     among: Callable[[Float[np.ndarray, "k 4"]], SignedDistanceField] | None = None
-    """Where the arm can hold its tool among obstacles at some places (`policies.guidance.Guidance.meet`), if the method
-    keeps it off them and there are any."""
+    """Where the arm can hold its tool among obstacles at some places (`policies.guidance.Guidance.meet`), if the
+    method's field is of that, the method keeps the arm off them, and there are any."""

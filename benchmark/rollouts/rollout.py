@@ -188,8 +188,8 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
         field = None if rollout.field is None else load_field(rollout.field)
         model = _model(rollout) if method.imagines else None
         controller = _controller(rollout) if method.follows else None
-        among_cuboids = method.avoids and method.field == "feasibility" and rollout.arm.obstacles
-        holding = rollout.task.holding if among_cuboids else None
+        field_among = method.avoids and method.field == "feasibility" and rollout.arm.obstacles
+        holding = rollout.task.holding if field_among else None
         among = None if holding is None else holding(rollout.arm)
         policy.guidance = method.make(
             Setup(scale, field, config.guidance_base, config.guidance_seed, config.space, model, controller, among)

@@ -82,10 +82,9 @@ class KeptReorder(Reorder):
     def correct(
         self, chunk: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
     ) -> Float[Tensor, "b t action"]:
-        kept = Projection(self.distance, INSIDE, self.path).correct(chunk, state)
-        for row, among in self._distances.items():
-            one = slice(row, row + 1)
-            kept[one] = Projection(among, INSIDE, self.path).correct(chunk[one], state[one])
+        kept, others = chunk.clone(), [row for row in range(len(chunk)) if row not in self._distances]
+        for rows, distance in [(others, self.distance), *(([row], at) for row, at in self._distances.items())]:
+            kept[rows] = Projection(distance, INSIDE, self.path).correct(chunk[rows], state[rows])
         return kept
 
 
