@@ -4,10 +4,11 @@ python -m benchmark.scales robot=ur3 methods=[paper,feasibility]
 """
 
 from benchmark.episodes.arm import alike, base_of
+from benchmark.scoring.own_results import results_text
 from benchmark.scoring.scale_table import CHOSEN_FOR, scale_table
 from benchmark.settings.command import run_command
 from benchmark.settings.task import chosen_task
-from benchmark.sweeps.scale_sweep import ScalesConfig, budget, markdown, shown, sweep, swept_methods
+from benchmark.sweeps.scale_sweep import ScalesConfig, budget, markdown, sweep, swept_methods
 from richmap.outputs import replacing
 
 
@@ -51,7 +52,7 @@ def main(config: ScalesConfig) -> None:
         with replacing(file) as path:
             figure.savefig(path, dpi=100)
         console.print(f"Figure: {file}", soft_wrap=True)
-    console.print(shown(arm[arm.chosen], task).to_markdown(index=False), soft_wrap=True, markup=False)
+    print(results_text(arm[arm.chosen], task))
     console.print(f"Table: {folder / 'scales.md'}", soft_wrap=True)
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from benchmark import show
@@ -11,7 +12,7 @@ from benchmark.episodes.table import store_episodes
 from benchmark.scoring.own_results import draw_curves, results_text
 from benchmark.scoring.scale_table import scale_table
 from benchmark.scoring.statistics import Crossed, clustered_difference, clustered_mean
-from benchmark.scoring.text_table import text_table
+from benchmark.scoring.text_table import for_terminal, text_table
 from benchmark.settings.command import SettingError
 from envs.block_push.outcome import EpisodeOutcome
 from envs.block_push.task import BLOCK_PUSH
@@ -77,3 +78,11 @@ def test_a_table_that_is_too_wide_breaks_its_lines_and_cuts_nothing():
     rows = [["a" * 30, "b" * 30, "c" * 30]]
     assert text_table(["x", "y", "z"], rows, 100).splitlines()[1] == "  ".join(rows[0])
     assert text_table(["x", "y", "z"], rows, 80).splitlines()[2:] == ["a" * 30, f"  {'b' * 30}  {'c' * 30}"]
+
+
+def test_a_table_in_markdown_is_told_row_by_row_on_a_narrower_terminal():
+    table = pd.DataFrame({"condition": ["a" * 30], "p2": ["35.7 [27.8, 44.7]"], "ceiling": ["86.0 [77.5, 91.7]"]})
+    text = "Said.\n\n" + table.to_markdown(index=False, disable_numparse=True)
+    assert for_terminal(text, 100) == text == for_terminal(text)  # The last one goes to a file here.
+    told = for_terminal(text, 45).splitlines()
+    assert told == ["Said.", "", f"condition {'a' * 30}", "  p2 35.7 [27.8, 44.7]", "  ceiling 86.0 [77.5, 91.7]"]

@@ -13,6 +13,7 @@ from benchmark.scoring.ceiling import Ceiling, read_ceilings
 from benchmark.scoring.decision_time import with_times
 from benchmark.scoring.statistics import Crossed, clustered_mean
 from benchmark.scoring.suite_ranking import REFERENCES, method_pairs, ranking_text, remarks, suite_ranking
+from benchmark.scoring.text_table import for_terminal
 from benchmark.settings.config import ConditionConfig
 from benchmark.settings.scenes import FIRST_TEST_SEED
 from benchmark.settings.setting import SettingError
@@ -226,5 +227,5 @@ def show_suite(
             f"These are no episodes of the conditions of suite={suite}. Roll them out: "
             f"python -m benchmark.run suite={suite} method=..."
         )
-    print("\n\n".join([*of.text, suite_text(of.table)]))
+    print(for_terminal("\n\n".join([*of.text, suite_text(of.table)])))
     return of
