@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,6 +11,9 @@ from pathlib import Path
 UNFINISHED = ".*.tmp*"
 """Names of files that `replacing` has not put in their place; those of killed processes stay."""
 
+OF_DISKS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
+"""What goes wrong with a disk as a file is written."""
+
 
 class CacheError(ValueError):
     """The cache lacks a file, and cannot be written to."""
@@ -17,6 +21,23 @@ class CacheError(ValueError):
 
 class DrawingError(RuntimeError):
     """Nothing can be drawn on this machine."""
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Says of a file what goes wrong with its disk as it is written, where whoever writes it does not name it.
+
+    Raises:
+        OSError: With the path in place of an error of the disk that names none, also of safetensors' own.
+    """
+    try:
+        yield
+    except Exception as error:
+        said = error.errno if isinstance(error, OSError) else re.search(r"os error (\d+)", str(error))
+        code = int(said[1]) if isinstance(said, re.Match) else said
+        if code not in OF_DISKS or getattr(error, "filename", None) is not None:
+            raise
+        raise OSError(code, os.strerror(code), str(path)) from error
 
 
 @contextmanager
@@ -32,7 +53,8 @@ def replacing(file: Path) -> Iterator[Path]:
     file.parent.mkdir(parents=True, exist_ok=True)
     temporary = file.with_name(f".{file.stem}.{secrets.token_hex(8)}.tmp{file.suffix}")
     try:
-        yield temporary
-        os.replace(temporary, file)
+        with writing(file):
+            yield temporary
+            os.replace(temporary, file)
     finally:
         temporary.unlink(missing_ok=True)

@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 from benchmark.episodes.arm import SINCE, TUPLES
 from benchmark.episodes.episode import PANDAS, Condition, column_types
 from benchmark.settings.command import SettingError
+from richmap.outputs import writing
 
 ABANDONED = 3600.0
 """Age from which an unfinished file is nobody's any more, in [s]."""
@@ -89,16 +90,17 @@ def _write(folder: Path, table: pa.Table) -> Path:
     there.mkdir(parents=True, exist_ok=True)
     temporary = there / f".{os.getpid()}.tmp"
     try:
-        pq.write_table(
-            table,
-            temporary,
-            compression="zstd",
-            compression_level=19,
-            write_page_checksum=True,
-            write_statistics=False,
-            use_dictionary=alike,
-            use_byte_stream_split=measured,
-        )
+        with writing(there):
+            pq.write_table(
+                table,
+                temporary,
+                compression="zstd",
+                compression_level=19,
+                write_page_checksum=True,
+                write_statistics=False,
+                use_dictionary=alike,
+                use_byte_stream_split=measured,
+            )
         with temporary.open("rb") as written:
             os.fsync(written.fileno())
         part = there / f"{checksum(temporary)}.parquet"

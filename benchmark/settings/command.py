@@ -26,7 +26,7 @@ from benchmark.settings.setting import (
     settings_of,
 )
 from benchmark.settings.typed import typed
-from richmap.outputs import CacheError, DrawingError
+from richmap.outputs import OF_DISKS, CacheError, DrawingError
 
 __all__ = ["CONF", "SettingError", "check_setting", "file_groups", "register", "run_command", "typed"]
 
@@ -106,6 +106,8 @@ def run_command[Config](
     except BrokenProcessPool:
         _end(1, "error: A worker process was killed, perhaps for want of memory.", *gone_on)
     except OSError as error:
+        if error.filename is None and error.errno in OF_DISKS:
+            _end(1, f"error: {os.strerror(error.errno)}, as a file was written.", *gone_on)
         if error.filename is None or error.strerror is None:
             raise
         in_cache = Path(str(error.filename)).is_relative_to(platformdirs.user_cache_path())

@@ -12,6 +12,7 @@ from benchmark.settings.command import SettingError
 from benchmark.settings.paths import check_folder
 from benchmark.settings.task import chosen_task
 from benchmark.training.demonstration_recipe import CollectConfig
+from richmap.outputs import writing
 
 
 def collect(config: CollectConfig) -> Path:
@@ -74,8 +75,9 @@ def _assemble(config: CollectConfig, chunks: Path, root: Path, about: Mapping[st
 
     partial = root.with_name(f".{root.name}.tmp")
     shutil.rmtree(partial, ignore_errors=True)
-    write_dataset(stored(config, chunks), partial, chosen_task(config.task), config.count, config.image_size)
-    about = {**about, "played": played(config, chunks)}
-    (partial / "meta" / "collect.json").write_text(json.dumps(about, indent=2) + "\n")
-    (partial / "README.md").write_text(dataset_card(partial, root.name, config))
-    os.replace(partial, root)
+    with writing(root):
+        write_dataset(stored(config, chunks), partial, chosen_task(config.task), config.count, config.image_size)
+        about = {**about, "played": played(config, chunks)}
+        (partial / "meta" / "collect.json").write_text(json.dumps(about, indent=2) + "\n")
+        (partial / "README.md").write_text(dataset_card(partial, root.name, config))
+        os.replace(partial, root)

@@ -1,6 +1,5 @@
 """Demonstrations on their way to a dataset: files of a few episodes each, made by worker processes."""
 
-import os
 from collections.abc import Iterator
 from concurrent.futures import as_completed
 from dataclasses import replace
@@ -11,6 +10,7 @@ import numpy as np
 
 from benchmark.training.demonstration import Demonstration, demonstrate, pack, source_env, unpack
 from benchmark.training.demonstration_recipe import CollectConfig
+from richmap.outputs import replacing
 from richmap.progress import progress_bar
 from richmap.worker import worker_pool
 
@@ -37,10 +37,8 @@ def _simulate_chunk(config: CollectConfig, seeds: range, chunks: Path) -> None:
     """Worker: one chunk of episodes, stored in one atomic step."""
     episodes = [_demonstrate(config, seed) for seed in seeds]
     path = _chunk_path(chunks, seeds)
-    partial = path.with_suffix(f".{os.getpid()}.tmp")
-    with open(partial, "wb") as file:
+    with replacing(path) as partial, open(partial, "wb") as file:
         np.savez_compressed(file, allow_pickle=True, **pack(episodes))
-    os.replace(partial, path)
 
 
 def _demonstrate(config: CollectConfig, seed: int) -> Demonstration:

@@ -16,6 +16,7 @@ from torch.optim.lr_scheduler import LRScheduler
 
 from policies.modeling_guided_push import GuidedPushPolicy
 from policies.weight_average import WeightAverage
+from richmap.outputs import writing
 
 RAW_WEIGHTS = Path("training_state") / "raw_weights.safetensors"
 """LeRobot's checkpoint holds the averaged weights, which are the policy; training goes on from these."""
@@ -39,10 +40,12 @@ def save_state(
     """Stores the state after this many steps in one atomic move, then removes the one before."""
     partial, complete = folder / "partial", folder / f"{step:06d}"
     shutil.rmtree(partial, ignore_errors=True)
-    save_checkpoint(partial, step, pipeline, policy, optimizer, scheduler, *processors, batch_size=pipeline.batch_size)
-    save_file(policy.state_dict(), partial / RAW_WEIGHTS)
-    curve.to_csv(partial / CURVE, index=False)
-    (partial / METERS).write_text(json.dumps({name: vars(meter) for name, meter in tracker.metrics.items()}))
+    with writing(complete):
+        batch_size = pipeline.batch_size
+        save_checkpoint(partial, step, pipeline, policy, optimizer, scheduler, *processors, batch_size=batch_size)
+        save_file(policy.state_dict(), partial / RAW_WEIGHTS)
+        curve.to_csv(partial / CURVE, index=False)
+        (partial / METERS).write_text(json.dumps({name: vars(meter) for name, meter in tracker.metrics.items()}))
     before = last_state(folder)
     os.replace(partial, complete)
     if before:

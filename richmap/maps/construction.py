@@ -2,7 +2,6 @@
 
 import errno
 import json
-import os
 import shutil
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -24,6 +23,7 @@ from richmap.maps.reachability_map import Construction, ReachabilityMap
 from richmap.motion.kinematics import way_about_z
 from richmap.motion.kinematics_check import check_kinematics
 from richmap.motion.sampling import Orbits, roll_gap, sample_workspace
+from richmap.outputs import replacing
 from richmap.robots.robot import RobotDescription
 from richmap.worker import start_worker, worker_pool
 
@@ -221,9 +221,8 @@ def _commit(folder: Path, inserter: Inserter, reached: Construction, seconds: fl
     """Say how far the files in the folder are valid; what lies beyond is written again after an interruption."""
     about = {"inserted": inserter.inserted, "reached": asdict(reached), "seconds": seconds}
     state = {"of": _identity(inserter.grid, reached), **about}
-    temporary = folder / "state.tmp"
-    temporary.write_text(json.dumps(state))
-    os.replace(temporary, folder / "state.json")
+    with replacing(folder / "state.json") as path:
+        path.write_text(json.dumps(state))
 
 
 def _resume(folder: Path, inserter: Inserter, construction: Construction) -> tuple[Construction, float]:
