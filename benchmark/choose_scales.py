@@ -13,13 +13,15 @@ def main(config: ChooseScalesConfig) -> None:
     from rich.console import Console
 
     console = Console()
-    console.print(config.budget_text)
     for method in config.methods:
-        chosen = choose(config, method, console)
-        file = written(config, method, chosen)
-        tried = ", ".join(f"{scale}: {100 * rate:.1f}" for scale, rate in chosen["tried"].items())
-        task = chosen_task(config.task)
-        console.print(f"{method}: {chosen['scale']:g} ({task.ranking[0]} in percent by scale: {tried}). {file}")
+        for run in config.runs(method):
+            console.print(f"{method} in {run.task}: {config.budget_text(run)}")
+            chosen = choose(config, run, console)
+            tried = ", ".join(f"{scale}: {100 * rate:.1f}" for scale, rate in chosen["tried"].items())
+            rank = chosen_task(run.task).ranking[0]
+            console.print(
+                f"{method}: {chosen['scale']:g} ({rank} in percent by scale: {tried}). {written(run, chosen)}"
+            )
 
 
 if __name__ == "__main__":

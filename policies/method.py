@@ -17,9 +17,12 @@ FIELD_NEEDS = {
     "witness": ("source's map", "target's map"),
     "coverage": ("target's map",),
     "feasibility": ("arm's description",),
+    "reach": ("target's map",),
     "value": ("arm's description",),
 }
 """What each kind of field is made of."""
+AT_ONE_HEIGHT = ("feasibility", "reach")
+"""Kinds of field of a tool that is held upright at one height."""
 SIMULATOR = "simulator (privileged)"
 """What no robot has: the episode itself, to try things in."""
 MOST_SAMPLES = 32
@@ -36,9 +39,9 @@ class Method:
     text: str
     """What it does, in a few words."""
     field: str | None
-    """What it looks at: `energy` (similarity to the source), `feasibility` (what the arm can hold), `coverage` (the
-    approach directions that the arm's map has at each place), `witness` (those that the source has and it lacks),
-    `value` (what was learnt of how episodes end on the arm), or None."""
+    """What it looks at: `energy` (similarity to the source), `feasibility` (what the arm can hold), `reach` (the same
+    by its map alone), `coverage` (the approach directions that its map has at each place), `witness` (those that the
+    source has and it lacks), `value` (what was learnt of how episodes end on the arm), or None."""
     scale: str
     """What its scale, `lambda`, is, with its unit."""
     first: float
@@ -73,7 +76,7 @@ class Method:
         """Why it cannot act in a task, in words; empty if it can."""
         if self.task not in (None, space.name):
             return f"{self.name} is for {self.task} alone"
-        if self.field == "feasibility" and len(space.steps.moved) != 2:
+        if self.field in AT_ONE_HEIGHT and len(space.steps.moved) != 2:
             return f"{self.name} looks at where an arm holds its tool upright at one height, unlike {space.name}"
         return ""
 

@@ -171,6 +171,15 @@ METHODS = {
             avoids=True,
         ),
         Method(
+            name="reorder_by_map",
+            entry_point="policies.block_push.reorder:reorder",
+            text="what the arm cannot push by its map alone is left for later",
+            field="reach",
+            scale=_PUSHED,
+            first=0.0025,
+            task="block_push",
+        ),
+        Method(
             name="chunk_witness",
             entry_point="policies.directional_methods:pose_chunk",
             text="down the slope of directions that only the source has, along the chunk",
@@ -427,9 +436,12 @@ GUIDED = tuple(name for name in METHODS if name != DIRECT)
 SWEPT = tuple(name for name in GUIDED if not METHODS[name].asks_the_arm)
 """Of these, those that a field is enough for: what is swept unless others are named."""
 
-BY_TASK = {"plan_for_arm": {"block_push": "reorder_kept", "press_buttons": "way_on_arm"}}
+BY_TASK = {
+    "plan_for_arm": {"block_push": "reorder_kept", "press_buttons": "way_on_arm"},
+    "plan_from_maps": {"block_push": "reorder_by_map", "press_buttons": "way_by_map"},
+}
 """Rules that are another method in each task, by the task's name: `plan_for_arm` shows the policy only what its arm can
-do. Rows and chosen scales bear the method's own name."""
+do, `plan_from_maps` what the arm's map says that it can. Rows and chosen scales bear the method's own name."""
 
 
 def in_task(method: str, task: str) -> str:

@@ -68,9 +68,9 @@ def field_files(tmp_path_factory):
     radius = np.hypot(x[:, None], y[None])
     feasible = (radius > 0.3) & (radius < 0.5)
     slope(0.3, -0.2).save(folder / "energy.safetensors")
-    SignedDistanceField.from_feasible(feasible, (-0.2, -0.7), 0.02, 0.06, (0.0, 0.0), {}).save(
-        folder / "feasibility.safetensors"
-    )
+    distance = SignedDistanceField.from_feasible(feasible, (-0.2, -0.7), 0.02, 0.06, (0.0, 0.0), {})
+    for name in ("feasibility", "reach"):
+        distance.save(folder / f"{name}.safetensors")
     grid, rng = Grid((-0.3, -0.8, -0.2), 0.1, (13, 17, 5)), np.random.default_rng(0)
     for name, kind in (("witness", DirectionalEnergy), ("coverage", DirectionalCoverage)):
         kind(grid, rng.normal(size=(*grid.shape, 16)).astype(np.float32), {}).save(folder / f"{name}.safetensors")

@@ -138,7 +138,8 @@ def test_a_scale_is_chosen_over_all_conditions_within_the_budget(simulated, tmp_
     given = {"methods": ["towards"], "seeds": [42], "scales_dir": str(tmp_path), "output_dir": str(tmp_path / "rows")}
     config = scale_choice.ChooseScalesConfig(**given)
     choose_scales.main(config)
-    assert config.episodes == 2 and {seed for _, _, seed in simulated} == {51_000, 51_001}
+    (run,) = config.runs("towards")
+    assert run.episodes == 2 and {seed for _, _, seed in simulated} == {51_000, 51_001}
     assert len(simulated) <= 40 and {run[:2] for run in simulated} >= {("direct", 0.0), ("towards", 0.1)}
     chosen = read_scales(scales_file(str(tmp_path), BLOCK_PUSH.name))["towards"]
     assert chosen["scale"] == 0 and chosen["tried"][0.05] == 1 and chosen["tried"][0.1] == 0  # Nothing gains: off.

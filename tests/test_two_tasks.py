@@ -20,7 +20,7 @@ from benchmark.settings.config import ConditionConfig, RunConfig, WandbConfig
 from benchmark.settings.scenes import RANKING
 from benchmark.settings.suite import suite_conditions, suite_scenes
 from benchmark.sweeps.experiment_log import log_standing
-from benchmark.sweeps.scale_choice import ChooseScalesConfig
+from benchmark.sweeps.scale_choice import BUDGET, ChooseScalesConfig
 from tests.test_suite import table
 
 CONDITIONS = {
@@ -138,9 +138,19 @@ def test_order_of_tasks_and_rows_changes_nothing():
     pd.testing.assert_frame_equal(of, again)
 
 
-def test_a_scale_is_chosen_for_one_task():
-    with pytest.raises(SettingError, match="suite=all-v1 is not allowed. Allowed: a suite of one task"):
-        ChooseScalesConfig(suite="all-v1")
+def test_of_two_tasks_a_scale_is_chosen_for_each_in_which_the_method_acts():
+    config = ChooseScalesConfig(suite="all-v1", methods=["paper", "reorder", "way_on_arm"])
+    tasks = {name: [part.task for part in config.runs(name)] for name in config.methods}
+    assert tasks == {
+        "paper": ["block_push", "press_buttons"],
+        "reorder": ["block_push"],
+        "way_on_arm": ["press_buttons"],
+    }
+    conditions = suite_conditions("all-v1")
+    for part in config.runs("paper"):
+        assert {*part.conditions} == {name for name, each in conditions.items() if each.task == part.task}
+        once = 10 * len(part.conditions) * 3
+        assert BUDGET - once < once * part.episodes <= BUDGET
 
 
 @pytest.mark.system

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 MAKERS = {
     "energy": "benchmark.artifacts.maps:arm_energy_field",
     "feasibility": "benchmark.artifacts.distance_field:distance_field",
+    "reach": "benchmark.artifacts.maps:arm_reach",
     "coverage": "benchmark.artifacts.maps:arm_coverage",
     "witness": "benchmark.artifacts.maps:arm_witness",
     "value": "benchmark.artifacts.arm_values:arm_value",
@@ -27,6 +28,7 @@ number of processes, and the console, it gives the field and its file. A value a
 
 MAPS = {
     "energy": "benchmark.artifacts.maps:arm_maps",
+    "reach": "benchmark.artifacts.maps:arm_map",
     "coverage": "benchmark.artifacts.maps:arm_map",
     "witness": "benchmark.artifacts.maps:arm_maps",
 }

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from richmap.robots.robot import RobotDescription
     from richmap.similarity.directional import DirectionalCoverage, DirectionalEnergy
     from richmap.similarity.energy import EnergyField
+    from richmap.similarity.signed_distance import SignedDistanceField
 
 SHIPPED = Path(__file__).parent / "shipped"
 """Fields of the suites' conditions (`benchmark.studies.shipped_fields`)."""
@@ -158,7 +159,27 @@ def arm_coverage(
     def build() -> DirectionalCoverage:
         return DirectionalCoverage.from_map(*arm_map(arm, map_config, workers, console), arm.as_mapped()[1])
 
-    return _directional("coverage", arm, map_config, {}, DirectionalCoverage, build)
+    return _of_maps("coverage", arm, map_config, {}, DirectionalCoverage, build)
+
+
+def arm_reach(
+    arm: "PlacedArm", map_config: MapConfig, config: EnergyConfig, workers: int, console: Console
+) -> tuple["SignedDistanceField", Path]:
+    """Signed distance to the border of where an arm as it stands can hold its tool upright, by its map.
+
+    Returns:
+        The field, in the world frame, and its file in the cache.
+    """
+    from envs.block_push.holding import BOX, CELL_SIZE, COVERED, mapped_distance
+    from envs.block_push.workspace import HEIGHT
+    from richmap.similarity.signed_distance import SignedDistanceField
+
+    def build() -> SignedDistanceField:
+        coverage, _ = arm_coverage(arm, map_config, config, workers, console)
+        return mapped_distance(coverage, arm.kinematic_base)
+
+    over = {"box": BOX, "height": HEIGHT, "spacing": CELL_SIZE, "covered": COVERED}
+    return _of_maps("reach", arm, map_config, over, SignedDistanceField, build)
 
 
 def arm_witness(
@@ -177,14 +198,14 @@ def arm_witness(
         return DirectionalEnergy.from_maps(*both, arm.as_mapped()[1], "coverages")
 
     of_source = {"source": load_robot(SOURCE).fingerprint}
-    return _directional("witness", arm, map_config, of_source, DirectionalEnergy, build)
+    return _of_maps("witness", arm, map_config, of_source, DirectionalEnergy, build)
 
 
-def _directional[F: ("DirectionalCoverage", "DirectionalEnergy")](
+def _of_maps[F: ("DirectionalCoverage", "DirectionalEnergy", "SignedDistanceField")](
     name: str,
     arm: "PlacedArm",
     map_config: MapConfig,
-    more: dict[str, str],
+    more: dict[str, Any],
     kind: type[F],
     build: Callable[[], F],
 ) -> tuple[F, Path]:
@@ -205,4 +226,5 @@ def _directional[F: ("DirectionalCoverage", "DirectionalEnergy")](
         field = build()
         return replace(field, about={**field.about, "fingerprint": key})
 
-    return cached(f"fields/{name}-{target.name}-{key[:16]}.safetensors", kind.load, made)
+    shipped = None if map_config.rebuild else SHIPPED
+    return cached(f"fields/{name}-{target.name}-{key[:16]}.safetensors", kind.load, made, shipped)

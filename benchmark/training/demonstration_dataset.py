@@ -31,7 +31,7 @@ def write_dataset(episodes: Iterable[Demonstration], root: Path, task: Task, tot
     """
     datasets.disable_progress_bars()
     os.environ.setdefault("SVT_LOG", "1")  # Encoders tell errors alone.
-    av.logging.set_level(av.logging.ERROR)
+    av.logging.set_libav_level(av.logging.ERROR)  # Also after LeRobot has given libav its own log back.
     dataset = LeRobotDataset.create(
         f"local/{root.name}",
         task.control_frequency,

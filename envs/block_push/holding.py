@@ -3,18 +3,23 @@
 from functools import lru_cache
 
 import numpy as np
+from jaxtyping import Bool
 
 from envs.arm.feasibility import TableFeasibility, table_feasibility
 from envs.arm.obstacles import Places
 from envs.arm.placed_arm import PlacedArm
 from envs.block_push.obstacles import Among
 from envs.block_push.workspace import HEIGHT
+from richmap.similarity.directional import DirectionalCoverage
 from richmap.similarity.signed_distance import SignedDistanceField
 
 CELL_SIZE = 0.02
 """Edge of the field's cells, in [m]."""
 BOX = ((-0.2, -0.7), (0.9, 0.7))
 """Centres of its first and last cells, xy in [m]: the workspace, and as far beyond it as a chunk of actions goes."""
+
+COVERED = 0.5
+"""Share of the directions about the tool's from which on a map is taken to have it."""
 
 
 def held(arm: PlacedArm) -> TableFeasibility:
@@ -28,8 +33,32 @@ def distance(table: TableFeasibility, about: dict[str, str]) -> SignedDistanceFi
     Raises:
         ValueError: If it can nowhere.
     """
-    origin = (table.x[0] - CELL_SIZE / 2, table.y[0] - CELL_SIZE / 2)
-    return SignedDistanceField.from_feasible(table.feasible, origin, CELL_SIZE, HEIGHT, table.arm.base[:2], about)
+    return _distance(table.feasible, table.arm.base, about)
+
+
+def mapped_distance(coverage: DirectionalCoverage, base: tuple[float, float, float]) -> SignedDistanceField:
+    """The same by an arm's map alone, which knows no branch: where it covers an upright tool's approach direction.
+
+    Args:
+        coverage: Of the arm as it stands.
+        base: Where it stands, in [m].
+
+    Raises:
+        ValueError: If it covers that direction nowhere.
+    """
+    x, y = (np.linspace(low, high, 1 + round((high - low) / CELL_SIZE)) for low, high in zip(*BOX, strict=True))
+    points = np.stack(np.meshgrid(x, y, [HEIGHT], indexing="ij"), -1).reshape(-1, 3)
+    nearest = points.clip(*(np.array([axis[end] for axis in coverage.grid.axes()]) for end in (0, -1)))
+    down = np.broadcast_to([0.0, 0.0, -1.0], points.shape)
+    covered = coverage.value_and_gradients(nearest, down).value.reshape(len(x), len(y))
+    return _distance(covered > COVERED, base, {"target": coverage.about["target"]})
+
+
+def _distance(
+    feasible: Bool[np.ndarray, "nx ny"], base: tuple[float, float, float], about: dict[str, str]
+) -> SignedDistanceField:
+    origin = (BOX[0][0] - CELL_SIZE / 2, BOX[0][1] - CELL_SIZE / 2)
+    return SignedDistanceField.from_feasible(feasible, origin, CELL_SIZE, HEIGHT, base[:2], about)
 
 
 class HoldingAmong:

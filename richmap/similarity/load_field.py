@@ -15,6 +15,7 @@ StoredField = EnergyField | SignedDistanceField | DirectionalCoverage | Directio
 FIELDS: dict[str, type[StoredField]] = {
     "energy": EnergyField,
     "feasibility": SignedDistanceField,
+    "reach": SignedDistanceField,
     "coverage": DirectionalCoverage,
     "witness": DirectionalEnergy,
     "value": ArmValue,
