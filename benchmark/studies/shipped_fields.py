@@ -11,9 +11,10 @@ from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.suite import suite_conditions, suites
 from benchmark.settings.task import chosen_task
+from policies.method import AT_ONE_HEIGHT
 from policies.methods import METHODS
 
-KINDS = ("feasibility", "energy")
+KINDS = ("feasibility", "reach", "energy")
 
 
 @dataclass
@@ -53,8 +54,8 @@ def main(config: ShippedFieldsConfig) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for kind in config.kinds:
         for suite in config.suites:
-            conditions = suite_conditions(suite)
-            made = {name: each for name, each in conditions.items() if kind != "feasibility" or one_height(each.task)}
+            conditions = suite_conditions(suite).items()
+            made = {name: each for name, each in conditions if kind not in AT_ONE_HEIGHT or one_height(each.task)}
             for name, arm in suite_arms(made).items():
                 _, file = guidance_field(kind, arm, MapConfig(), EnergyConfig(), config.workers, console)
                 assert file is not None
