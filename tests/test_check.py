@@ -109,7 +109,7 @@ def test_a_check_leaves_tables_a_picture_and_a_page(arm, demonstrations, tmp_pat
 @pytest.mark.system
 @pytest.mark.parametrize(
     ("name", "why"),
-    [("so101", "of whose metres one is 0.4 of so101's"), ("j2s6s200", "too fast:")],
+    [("px150", "of whose metres one is 0.4 of px150's"), ("j2s6s200", "too fast:")],
     ids=["reaches nothing in full size", "its joints are slow, and the simulation turns all alike"],
 )
 def test_an_arm_is_asked_for_the_task_as_the_simulation_has_it(tmp_path, capsys, name, why):

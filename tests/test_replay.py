@@ -125,13 +125,12 @@ LIKE_A_UR5 = f"""<robot name="mine"><link name="base"/>
 
 
 def test_an_oracles_row_replays_too(tmp_path, capsys):
-    config = OracleConfig(RobotConfig("ur3"), oracle="aware", episodes=2, output_dir=str(tmp_path), workers=1)
-    oracle.main(config)
+    oracle.main(OracleConfig(RobotConfig("ur3"), episodes=2, output_dir=str(tmp_path), workers=1))
     folder = tmp_path / "ur3-embodied"
     assert len(read_checked(folder, BLOCK_PUSH)) == 2
     replay.main(ReplayConfig(table=str(folder), random=1))
     shown = capsys.readouterr().out
-    assert "ur3, embodied, aware_oracle" in shown and "bit-equal: " in shown and "differs" not in shown
+    assert "ur3, embodied, plain_oracle" in shown and "bit-equal: " in shown and "differs" not in shown
 
 
 def test_a_row_of_an_arm_that_does_not_ship_replays_with_its_file(tmp_path, capsys):

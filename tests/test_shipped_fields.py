@@ -20,7 +20,7 @@ def nothing_is_made(monkeypatch):
     def make(*_, **__):
         raise AssertionError("made anew")
 
-    monkeypatch.setattr(maps, "compared_maps", make)
+    monkeypatch.setattr(maps, "robot_map", make)
     monkeypatch.setattr("envs.arm.feasibility.table_feasibility", make)
     guidance_field.cache_clear()
     yield
@@ -41,6 +41,12 @@ def arms_of(suite):
 def test_what_the_arms_of_the_suites_can_hold_ships(nothing_is_made, suite):
     for arm in arms_of(suite):
         field, file = of("feasibility", arm)
+        assert isinstance(field, SignedDistanceField) and file.parent == maps.SHIPPED
+
+
+def test_what_the_arms_of_the_ranking_can_hold_by_their_maps_ships(nothing_is_made):
+    for arm in arms_of("full"):
+        field, file = of("reach", arm)
         assert isinstance(field, SignedDistanceField) and file.parent == maps.SHIPPED
 
 
