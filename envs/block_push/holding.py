@@ -39,6 +39,8 @@ def distance(table: TableFeasibility, about: dict[str, str]) -> SignedDistanceFi
 def mapped_distance(coverage: DirectionalCoverage, base: tuple[float, float, float]) -> SignedDistanceField:
     """The same by an arm's map alone, which knows no branch: where it covers an upright tool's approach direction.
 
+    Beyond the map's cells it covers as much as in the nearest of them.
+
     Args:
         coverage: Of the arm as it stands.
         base: Where it stands, in [m].
