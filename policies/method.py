@@ -18,10 +18,12 @@ FIELD_NEEDS = {
     "coverage": ("target's map",),
     "feasibility": ("arm's description",),
     "reach": ("target's map",),
+    "branch_coverage": ("target's map in its branch",),
+    "branch_reach": ("target's map in its branch",),
     "value": ("arm's description",),
 }
 """What each kind of field is made of."""
-AT_ONE_HEIGHT = ("feasibility", "reach")
+AT_ONE_HEIGHT = ("feasibility", "reach", "branch_reach")
 """Kinds of field of a tool that is held upright at one height."""
 SIMULATOR = "simulator (privileged)"
 """What no robot has: the episode itself, to try things in."""
@@ -40,8 +42,9 @@ class Method:
     """What it does, in a few words."""
     field: str | None
     """What it looks at: `energy` (similarity to the source), `feasibility` (what the arm can hold), `reach` (the same
-    by its map alone), `coverage` (the approach directions that its map has at each place), `witness` (those that the
-    source has and it lacks), `value` (what was learnt of how episodes end on the arm), or None."""
+    by its map alone), `coverage` (the approach directions that its map has at each place), `branch_reach` and
+    `branch_coverage` (the same by the map of the arm's branch above the table), `witness` (those that the source has
+    and it lacks), `value` (what was learnt of how episodes end on the arm), or None."""
     scale: str
     """What its scale, `lambda`, is, with its unit."""
     first: float

@@ -180,6 +180,15 @@ METHODS = {
             task="block_push",
         ),
         Method(
+            name="reorder_by_branch",
+            entry_point="policies.block_push.reorder:reorder",
+            text="what the arm cannot push by the map of its branch is left for later",
+            field="branch_reach",
+            scale=_PUSHED,
+            first=0.0025,
+            task="block_push",
+        ),
+        Method(
             name="chunk_witness",
             entry_point="policies.directional_methods:pose_chunk",
             text="down the slope of directions that only the source has, along the chunk",
@@ -223,9 +232,18 @@ METHODS = {
             imagines=True,
         ),
         Method(
+            name="way_by_branch",
+            entry_point="policies.way_choice:way_by_map",
+            text="as way_by_map, by the map of the arm's branch above the table",
+            field="branch_coverage",
+            scale=_ENOUGH,
+            first=0.125,
+            imagines=True,
+        ),
+        Method(
             name="way_by_witness",
             entry_point="policies.way_choice:way_by_map",
-            text="the same with directions that only the source has in place of those that the arm lacks",
+            text="as way_by_map, with directions that only the source has in place of those that the arm lacks",
             field="witness",
             scale=_ENOUGH,
             first=0.125,
@@ -234,7 +252,7 @@ METHODS = {
         Method(
             name="way_by_flipped_map",
             entry_point="policies.way_choice:way_by_flipped_map",
-            text="the same with the way whose worst goal is covered least",
+            text="as way_by_map, with the way whose worst goal is covered least",
             field="coverage",
             scale=_ENOUGH,
             first=0.125,
@@ -243,7 +261,7 @@ METHODS = {
         Method(
             name="way_by_shuffled_map",
             entry_point="policies.way_choice:way_by_shuffled_map",
-            text="the same with the map's cells in other places",
+            text="as way_by_map, with the map's cells in other places",
             field="coverage",
             scale=_ENOUGH,
             first=0.125,
@@ -252,7 +270,7 @@ METHODS = {
         Method(
             name="way_of_any",
             entry_point="policies.way_choice:way_of_any",
-            text="the same with the way that is named first, whatever the arm can do",
+            text="as way_by_map, with the way that is named first, whatever the arm can do",
             field=None,
             scale="1",
             first=1.0,
@@ -439,9 +457,11 @@ SWEPT = tuple(name for name in GUIDED if not METHODS[name].asks_the_arm)
 BY_TASK = {
     "plan_for_arm": {"block_push": "reorder_kept", "press_buttons": "way_on_arm"},
     "plan_from_maps": {"block_push": "reorder_by_map", "press_buttons": "way_by_map"},
+    "plan_from_branch": {"block_push": "reorder_by_branch", "press_buttons": "way_by_branch"},
 }
 """Rules that are another method in each task, by the task's name: `plan_for_arm` shows the policy only what its arm can
-do, `plan_from_maps` what the arm's map says that it can. Rows and chosen scales bear the method's own name."""
+do, `plan_from_maps` what the arm's map says that it can, `plan_from_branch` what the map of its branch says. Rows and
+chosen scales bear the method's own name."""
 
 
 def in_task(method: str, task: str) -> str:

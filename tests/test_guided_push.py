@@ -69,10 +69,11 @@ def field_files(tmp_path_factory):
     feasible = (radius > 0.3) & (radius < 0.5)
     slope(0.3, -0.2).save(folder / "energy.safetensors")
     distance = SignedDistanceField.from_feasible(feasible, (-0.2, -0.7), 0.02, 0.06, (0.0, 0.0), {})
-    for name in ("feasibility", "reach"):
+    for name in ("feasibility", "reach", "branch_reach"):
         distance.save(folder / f"{name}.safetensors")
     grid, rng = Grid((-0.3, -0.8, -0.2), 0.1, (13, 17, 5)), np.random.default_rng(0)
-    for name, kind in (("witness", DirectionalEnergy), ("coverage", DirectionalCoverage)):
+    of_kind = {"witness": DirectionalEnergy, "coverage": DirectionalCoverage, "branch_coverage": DirectionalCoverage}
+    for name, kind in of_kind.items():
         kind(grid, rng.normal(size=(*grid.shape, 16)).astype(np.float32), {}).save(folder / f"{name}.safetensors")
     return {name: folder / f"{name}.safetensors" for name in FIELDS}
 

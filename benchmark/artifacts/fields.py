@@ -18,7 +18,9 @@ MAKERS = {
     "energy": "benchmark.artifacts.maps:arm_energy_field",
     "feasibility": "benchmark.artifacts.distance_field:distance_field",
     "reach": "benchmark.artifacts.maps:arm_reach",
+    "branch_reach": "benchmark.artifacts.maps:arm_branch_reach",
     "coverage": "benchmark.artifacts.maps:arm_coverage",
+    "branch_coverage": "benchmark.artifacts.maps:arm_branch_coverage",
     "witness": "benchmark.artifacts.maps:arm_witness",
     "value": "benchmark.artifacts.arm_values:arm_value",
 }
@@ -29,7 +31,9 @@ number of processes, and the console, it gives the field and its file. A value a
 MAPS = {
     "energy": "benchmark.artifacts.maps:arm_maps",
     "reach": "benchmark.artifacts.maps:arm_map",
+    "branch_reach": "benchmark.artifacts.maps:arm_branch_map",
     "coverage": "benchmark.artifacts.maps:arm_map",
+    "branch_coverage": "benchmark.artifacts.maps:arm_branch_map",
     "witness": "benchmark.artifacts.maps:arm_maps",
 }
 """What gives the maps that a kind is made of; no other kind is made of any."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from richmap.similarity.directional import DirectionalCoverage, DirectionalEnergy
     from richmap.similarity.energy import EnergyField
     from richmap.similarity.signed_distance import SignedDistanceField
+
+    type Mapped = tuple[RobotDescription, tuple[float, float, float]]
 
 SHIPPED = Path(__file__).parent / "shipped"
 """Fields of the suites' conditions (`benchmark.studies.shipped_fields`)."""
@@ -146,6 +148,11 @@ def energy_field(
     return cached(f"fields/{SOURCE}-{target.name}-{key[:16]}.safetensors", EnergyField.load, build, shipped)
 
 
+def arm_branch_map(arm: "PlacedArm", config: MapConfig, workers: int, console: Console) -> tuple["ReachabilityMap"]:
+    """The map of an arm as it stands, in its branch and above the table."""
+    return (robot_map(*arm.as_mapped_in_branch(), _above_table(arm, config), workers, console),)
+
+
 def arm_coverage(
     arm: "PlacedArm", map_config: MapConfig, _energy: EnergyConfig, workers: int, console: Console
 ) -> tuple["DirectionalCoverage", Path]:
@@ -154,12 +161,15 @@ def arm_coverage(
     Returns:
         The field, in the world frame, and its file in the cache.
     """
-    from richmap.similarity.directional import DirectionalCoverage
+    return _coverage("coverage", arm.as_mapped(), map_config, workers, console)
 
-    def build() -> DirectionalCoverage:
-        return DirectionalCoverage.from_map(*arm_map(arm, map_config, workers, console), arm.as_mapped()[1])
 
-    return _of_maps("coverage", arm, map_config, {}, DirectionalCoverage, build)
+def arm_branch_coverage(
+    arm: "PlacedArm", map_config: MapConfig, _energy: EnergyConfig, workers: int, console: Console
+) -> tuple["DirectionalCoverage", Path]:
+    """The same by the map of its branch above the table."""
+    mapped = arm.as_mapped_in_branch()
+    return _coverage("branch_coverage", mapped, _above_table(arm, map_config), workers, console)
 
 
 def arm_reach(
@@ -170,16 +180,16 @@ def arm_reach(
     Returns:
         The field, in the world frame, and its file in the cache.
     """
-    from envs.block_push.holding import BOX, CELL_SIZE, COVERED, mapped_distance
-    from envs.block_push.workspace import HEIGHT
-    from richmap.similarity.signed_distance import SignedDistanceField
+    coverage = partial(arm_coverage, arm, map_config, config, workers, console)
+    return _reach("reach", arm, arm.as_mapped(), map_config, coverage)
 
-    def build() -> SignedDistanceField:
-        coverage, _ = arm_coverage(arm, map_config, config, workers, console)
-        return mapped_distance(coverage, arm.kinematic_base)
 
-    over = {"box": BOX, "height": HEIGHT, "spacing": CELL_SIZE, "covered": COVERED}
-    return _of_maps("reach", arm, map_config, over, SignedDistanceField, build)
+def arm_branch_reach(
+    arm: "PlacedArm", map_config: MapConfig, config: EnergyConfig, workers: int, console: Console
+) -> tuple["SignedDistanceField", Path]:
+    """The same by the map of its branch above the table."""
+    coverage = partial(arm_branch_coverage, arm, map_config, config, workers, console)
+    return _reach("branch_reach", arm, arm.as_mapped_in_branch(), _above_table(arm, map_config), coverage)
 
 
 def arm_witness(
@@ -198,12 +208,46 @@ def arm_witness(
         return DirectionalEnergy.from_maps(*both, arm.as_mapped()[1], "coverages")
 
     of_source = {"source": load_robot(SOURCE).fingerprint}
-    return _of_maps("witness", arm, map_config, of_source, DirectionalEnergy, build)
+    return _of_maps("witness", arm.as_mapped(), map_config, of_source, DirectionalEnergy, build)
+
+
+def _above_table(arm: "PlacedArm", config: MapConfig) -> MapConfig:
+    """Settings of a map above the table on which an arm stands, unless they name a ground."""
+    return config if config.ground is not None else replace(config, ground=0.0 - arm.kinematic_base[2])
+
+
+def _coverage(
+    name: str, mapped: "Mapped", map_config: MapConfig, workers: int, console: Console
+) -> tuple["DirectionalCoverage", Path]:
+    from richmap.similarity.directional import DirectionalCoverage
+
+    def build() -> DirectionalCoverage:
+        return DirectionalCoverage.from_map(robot_map(*mapped, map_config, workers, console), mapped[1])
+
+    return _of_maps(name, mapped, map_config, {}, DirectionalCoverage, build)
+
+
+def _reach(
+    name: str,
+    arm: "PlacedArm",
+    mapped: "Mapped",
+    map_config: MapConfig,
+    coverage: Callable[[], tuple["DirectionalCoverage", Path]],
+) -> tuple["SignedDistanceField", Path]:
+    from envs.block_push.holding import BOX, CELL_SIZE, COVERED, mapped_distance
+    from envs.block_push.workspace import HEIGHT
+    from richmap.similarity.signed_distance import SignedDistanceField
+
+    def build() -> SignedDistanceField:
+        return mapped_distance(coverage()[0], arm.kinematic_base)
+
+    over = {"box": BOX, "height": HEIGHT, "spacing": CELL_SIZE, "covered": COVERED}
+    return _of_maps(name, mapped, map_config, over, SignedDistanceField, build)
 
 
 def _of_maps[F: ("DirectionalCoverage", "DirectionalEnergy", "SignedDistanceField")](
     name: str,
-    arm: "PlacedArm",
+    mapped: "Mapped",
     map_config: MapConfig,
     more: dict[str, Any],
     kind: type[F],
@@ -213,7 +257,7 @@ def _of_maps[F: ("DirectionalCoverage", "DirectionalEnergy", "SignedDistanceFiel
     from richmap.cache import cached, made_from
     from richmap.maps.cached_map import MAP_VERSION
 
-    target, base = arm.as_mapped()
+    target, base = mapped
     inputs = {
         "field": name,
         "target": target.fingerprint,

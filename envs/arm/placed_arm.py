@@ -116,6 +116,11 @@ class PlacedArm:
         robot = self.description.narrowed(*self.joint_range) if self.narrowed else self.description
         return robot.turned(self.yaw), self.kinematic_base
 
+    def as_mapped_in_branch(self) -> tuple[RobotDescription, tuple[float, float, float]]:
+        """The same for the map of its branch alone."""
+        robot, base = self.as_mapped()
+        return robot.in_branch_of(self.stored_posture), base
+
     def limits(self) -> tuple[Float[np.ndarray, " dof"], Float[np.ndarray, " dof"]]:
         """Least and greatest joint angles that may be used, in [rad]: the limits where they bind, and the bounds."""
         robot = self.description

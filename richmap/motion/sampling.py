@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from richmap.motion.branch import in_branch, one_turn
 from richmap.motion.collision import self_collision
 from richmap.motion.ground import lowest_points
 from richmap.motion.kinematics import flange_frames, joint_frames, way_about_z
@@ -59,6 +60,8 @@ def sample_workspace(
 ) -> Orbits:
     """Draw configurations uniformly within the joint limits and keep those free of self-collision.
 
+    Of an arm in a branch those of other branches are not kept.
+
     Each free configuration is used again at the other `turns - 1` angles of joint 1, evenly spread over the circle,
     where it is known to stay free (orbit sampling; `SelfCollision.free_turns`). Joint 1 being uniform, so are they.
 
@@ -69,7 +72,8 @@ def sample_workspace(
         turns: Angles of joint 1 per configuration, a power of two; 1 switches orbit sampling off.
         ground: Height in the base frame that no moving link may be below, in [m]; None for no ground.
     """
-    joints = rng.uniform(robot.lower, robot.upper, (configurations, len(robot.joints)))
+    joints = rng.uniform(*one_turn(robot), (configurations, len(robot.joints)))
+    joints = joints[in_branch(robot, joints)]
     check = self_collision(robot)
     joints = joints[~check(joints)]
     if ground is not None:

@@ -17,6 +17,8 @@ from richmap.robots.urdf import multiply_lengths, multiply_masses
 if TYPE_CHECKING:
     import pytorch_kinematics
 
+JOINTS_OF_BRANCHES = 6
+
 
 @dataclass(frozen=True)
 class RobotDescription:
@@ -44,6 +46,8 @@ class RobotDescription:
     """What was left out or taken for granted when it was read, one sentence each."""
     scale: float = 1.0
     """How many metres of the arm's one metre here is (`in_units_of`)."""
+    posture: tuple[float, ...] = ()
+    """In whose branch the arm is taken to stay, in [rad]; none if it may be in any (`in_branch_of`)."""
 
     @cached_property
     def links(self) -> tuple[str, ...]:
@@ -130,6 +134,8 @@ class RobotDescription:
         more = [json.dumps(self.unchecked)] if self.unchecked else []
         if self.scale != 1:
             more.append(f"scale {self.scale!r}")
+        if self.posture:
+            more.append(f"posture {self.posture!r}")
         return hashlib.sha256("\n".join([text, self.base, self.end_effector, *more]).encode()).hexdigest()
 
     def in_units_of(self, scale: float) -> "RobotDescription":
@@ -145,6 +151,17 @@ class RobotDescription:
         multiply_lengths(root, 1 / scale)
         multiply_masses(root, scale**-3, scale**-5)
         return replace(self, urdf=ET.tostring(root, encoding="unicode"), scale=self.scale * scale)
+
+    def in_branch_of(self, posture: tuple[float, ...]) -> "RobotDescription":
+        """The same arm, whose maps are of one branch of its kinematics (`richmap.motion.branch`).
+
+        Only an arm of six joints has branches. One with more gets from any configuration of a pose to any other by
+        moving on the spot, but for limits, and one with fewer reaches a pose in few ways: they stay as they are.
+
+        Args:
+            posture: In the branch, in [rad].
+        """
+        return replace(self, posture=posture) if len(self.joints) == JOINTS_OF_BRANCHES else self
 
     def turned(self, yaw: float) -> "RobotDescription":
         """The same arm on a base that is turned about z, in [rad]: its base frame is parallel to the world's again."""

@@ -16,7 +16,9 @@ FIELDS: dict[str, type[StoredField]] = {
     "energy": EnergyField,
     "feasibility": SignedDistanceField,
     "reach": SignedDistanceField,
+    "branch_reach": SignedDistanceField,
     "coverage": DirectionalCoverage,
+    "branch_coverage": DirectionalCoverage,
     "witness": DirectionalEnergy,
     "value": ArmValue,
 }
