@@ -10,6 +10,7 @@ from richmap.geometry.directions import capacity_bound
 from richmap.geometry.grid import Grid
 from richmap.maps.construction import build_map, merge
 from richmap.maps.reachability_map import Construction, Reach, ReachabilityMap
+from richmap.motion.branch import in_branch
 from richmap.motion.collision import self_collision
 from richmap.motion.ground import lowest_points
 from richmap.motion.kinematics import flange_frames
@@ -169,6 +170,17 @@ def test_over_ground_no_link_is_below_it_and_the_map_is_smaller(coarse_map, tmp_
     with pytest.raises(ValueError, match="share grid, theta and ground"):
         other = build_map(ROBOT, GRID, coarse(ROBOT, seed=1, stop_rate=0.5), tmp_path / "none", workers=1)
         merge(ROBOT, [over, other], tmp_path / "refused")
+
+
+def test_a_map_of_a_branch_has_configurations_of_it_alone_and_is_another_arms(coarse_map, tmp_path):
+    robot = ROBOT.in_branch_of((0.0, 0.7, -1.1, 0.0, 0.4, 0.0))
+    one = build_map(robot, GRID, coarse(robot), tmp_path / "branch", workers=1)
+    joints = one.configurations(np.arange(one.inserted)).astype(float)
+    assert in_branch(robot, joints).mean() > 0.999  # configurations are rounded
+    assert in_branch(robot, coarse_map.configurations(np.arange(2000)).astype(float)).mean() < 0.5
+    one.save(tmp_path / "one.safetensors")
+    with pytest.raises(FileRefusedError, match="xarm6"):
+        ReachabilityMap.load(tmp_path / "one.safetensors", ROBOT)
 
 
 def test_the_state_of_another_build_is_refused(coarse_map, tmp_path):

@@ -44,9 +44,10 @@ def test_what_the_arms_of_the_suites_can_hold_ships(nothing_is_made, suite):
         assert isinstance(field, SignedDistanceField) and file.parent == maps.SHIPPED
 
 
-def test_what_the_arms_of_the_ranking_can_hold_by_their_maps_ships(nothing_is_made):
+@pytest.mark.parametrize("kind", ["reach", "branch_reach"])
+def test_what_the_arms_of_the_ranking_can_hold_by_their_maps_ships(nothing_is_made, kind):
     for arm in arms_of("full"):
-        field, file = of("reach", arm)
+        field, file = of(kind, arm)
         assert isinstance(field, SignedDistanceField) and file.parent == maps.SHIPPED
 
 

@@ -14,7 +14,7 @@ from benchmark.settings.task import chosen_task
 from policies.method import AT_ONE_HEIGHT
 from policies.methods import METHODS
 
-KINDS = ("feasibility", "reach", "energy")
+KINDS = ("feasibility", "reach", "branch_reach", "energy")
 
 
 @dataclass
