@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -180,16 +180,37 @@ def arm_reach(
     Returns:
         The field, in the world frame, and its file in the cache.
     """
-    coverage = partial(arm_coverage, arm, map_config, config, workers, console)
-    return _reach("reach", arm, arm.as_mapped(), map_config, coverage)
+    from envs.block_push.holding import BOX, CELL_SIZE, COVERED, mapped_distance
+    from envs.block_push.workspace import HEIGHT
+    from richmap.similarity.signed_distance import SignedDistanceField
+
+    def build() -> SignedDistanceField:
+        coverage, _ = arm_coverage(arm, map_config, config, workers, console)
+        return mapped_distance(coverage, arm.kinematic_base)
+
+    over = {"box": BOX, "height": HEIGHT, "spacing": CELL_SIZE, "covered": COVERED}
+    return _of_maps("reach", arm.as_mapped(), map_config, over, SignedDistanceField, build)
 
 
 def arm_branch_reach(
-    arm: "PlacedArm", map_config: MapConfig, config: EnergyConfig, workers: int, console: Console
+    arm: "PlacedArm", map_config: MapConfig, _energy: EnergyConfig, workers: int, console: Console
 ) -> tuple["SignedDistanceField", Path]:
-    """The same by the map of its branch above the table."""
-    coverage = partial(arm_branch_coverage, arm, map_config, config, workers, console)
-    return _reach("branch_reach", arm, arm.as_mapped_in_branch(), _above_table(arm, map_config), coverage)
+    """The same by the map of its branch above the table.
+
+    Returns:
+        The field, in the world frame, and its file in the cache.
+    """
+    from envs.block_push.holding import ASKED, BOX, CELL_SIZE, LEANING, NEAR, REACHED, branch_distance
+    from envs.block_push.workspace import HEIGHT
+    from richmap.similarity.signed_distance import SignedDistanceField
+
+    def build() -> SignedDistanceField:
+        return branch_distance(*arm_branch_map(arm, map_config, workers, console), arm.kinematic_base)
+
+    over = {"box": BOX, "height": HEIGHT, "spacing": CELL_SIZE, "near": NEAR, "leaning": LEANING}
+    over |= {"asked": ASKED, "reached": REACHED}
+    of_map = _above_table(arm, map_config)
+    return _of_maps("branch_reach", arm.as_mapped_in_branch(), of_map, over, SignedDistanceField, build)
 
 
 def arm_witness(
@@ -225,24 +246,6 @@ def _coverage(
         return DirectionalCoverage.from_map(robot_map(*mapped, map_config, workers, console), mapped[1])
 
     return _of_maps(name, mapped, map_config, {}, DirectionalCoverage, build)
-
-
-def _reach(
-    name: str,
-    arm: "PlacedArm",
-    mapped: "Mapped",
-    map_config: MapConfig,
-    coverage: Callable[[], tuple["DirectionalCoverage", Path]],
-) -> tuple["SignedDistanceField", Path]:
-    from envs.block_push.holding import BOX, CELL_SIZE, COVERED, mapped_distance
-    from envs.block_push.workspace import HEIGHT
-    from richmap.similarity.signed_distance import SignedDistanceField
-
-    def build() -> SignedDistanceField:
-        return mapped_distance(coverage()[0], arm.kinematic_base)
-
-    over = {"box": BOX, "height": HEIGHT, "spacing": CELL_SIZE, "covered": COVERED}
-    return _of_maps(name, mapped, map_config, over, SignedDistanceField, build)
 
 
 def _of_maps[F: ("DirectionalCoverage", "DirectionalEnergy", "SignedDistanceField")](

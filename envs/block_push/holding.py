@@ -10,6 +10,7 @@ from envs.arm.obstacles import Places
 from envs.arm.placed_arm import PlacedArm
 from envs.block_push.obstacles import Among
 from envs.block_push.workspace import HEIGHT
+from richmap.maps.reachability_map import ReachabilityMap
 from richmap.similarity.directional import DirectionalCoverage
 from richmap.similarity.signed_distance import SignedDistanceField
 
@@ -20,6 +21,13 @@ BOX = ((-0.2, -0.7), (0.9, 0.7))
 
 COVERED = 0.5
 """Share of the directions about the tool's from which on a map is taken to have it."""
+NEAR, LEANING = 0.03, 0.3
+"""Poses so near along each axis, in [m], that lean so far at most, in [rad], are asked of the map of a branch."""
+ASKED = 100
+"""How many."""
+REACHED = 0.7
+"""Share of them from which on it is taken to have the pose between them. Of shares, widths and ways to count this was
+nearest to what the UR3, UR5 and UR10 can hold by their kinematics: 95 to 97 % of what either has, both have."""
 
 
 def held(arm: PlacedArm) -> TableFeasibility:
@@ -54,6 +62,28 @@ def mapped_distance(coverage: DirectionalCoverage, base: tuple[float, float, flo
     down = np.broadcast_to([0.0, 0.0, -1.0], points.shape)
     covered = coverage.value_and_gradients(nearest, down).value.reshape(len(x), len(y))
     return _distance(covered > COVERED, base, {"target": coverage.about["target"]})
+
+
+def branch_distance(in_branch: ReachabilityMap, base: tuple[float, float, float]) -> SignedDistanceField:
+    """The same by the map of an arm's branch alone: where that has enough of the poses near to the upright tool's.
+
+    Args:
+        in_branch: Of the arm as it stands, in its branch, in its base frame.
+        base: Where it stands, in [m].
+
+    Raises:
+        ValueError: If it has enough nowhere.
+    """
+    x, y = (np.linspace(low, high, 1 + round((high - low) / CELL_SIZE)) for low, high in zip(*BOX, strict=True))
+    points = np.stack(np.meshgrid(x, y, [HEIGHT], indexing="ij"), -1).reshape(-1, 3) - base
+    rng, had = np.random.default_rng(0), np.zeros(len(points))
+    moved = rng.uniform(-NEAR, NEAR, (ASKED, 3))
+    angle, lean = rng.uniform(0, 2 * np.pi, ASKED), LEANING * np.sqrt(rng.uniform(size=ASKED))
+    directions = np.stack([np.sin(lean) * np.cos(angle), np.sin(lean) * np.sin(angle), -np.cos(lean)], 1)
+    for by, direction in zip(moved, directions, strict=True):
+        had += in_branch.reachable(points + by, np.tile(direction, (len(points), 1)))
+    feasible = (had > REACHED * ASKED).reshape(len(x), len(y))
+    return _distance(feasible, base, {"target": in_branch.construction.robot})
 
 
 def _distance(
