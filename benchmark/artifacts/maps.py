@@ -234,7 +234,7 @@ def arm_witness(
 
 def _above_table(arm: "PlacedArm", config: MapConfig) -> MapConfig:
     """Settings of a map above the table on which an arm stands, unless they name a ground."""
-    return config if config.ground is not None else replace(config, ground=0.0 - arm.kinematic_base[2])
+    return config if config.ground is not None else replace(config, ground=0.0 - arm.base[2])
 
 
 def _coverage(
