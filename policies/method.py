@@ -31,6 +31,11 @@ MOST_SAMPLES = 32
 """Of methods that choose among samples: they do not collapse, but cost more and more."""
 
 
+def is_of(kind: str | None, space: "TaskSpace") -> bool:
+    """Whether a kind of field can be one of a task's poses; None, for no field, always can."""
+    return kind not in AT_ONE_HEIGHT or len(space.steps.moved) == 2
+
+
 @dataclass(frozen=True)
 class Method:
     """What has to be known of a method to set it, to sweep its scale and to make it."""
@@ -79,7 +84,7 @@ class Method:
         """Why it cannot act in a task, in words; empty if it can."""
         if self.task not in (None, space.name):
             return f"{self.name} is for {self.task} alone"
-        if self.field in AT_ONE_HEIGHT and len(space.steps.moved) != 2:
+        if not is_of(self.field, space):
             return f"{self.name} looks at where an arm holds its tool upright at one height, unlike {space.name}"
         return ""
 

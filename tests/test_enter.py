@@ -377,7 +377,7 @@ def test_a_policy_of_our_type_samples_as_it_was_saved_and_is_not_guided_twice(tm
         ({"author": '""'}, "author= is not allowed. Allowed: one line of text"),
         ({"guidance": ""}, "policy= is not allowed. Allowed: a folder, unless there is guidance"),
         ({"guidance": "guidance.py"}, "guidance=guidance.py is not allowed. Allowed: a file and its class, as in"),
-        ({"field": "magic"}, "field=magic is not allowed. Allowed: energy, feasibility, none"),
+        ({"field": "magic"}, "field=magic is not allowed. Allowed: energy, witness, coverage,"),
         ({"scale": "much"}, "scale=much is not allowed. scale: Scale that the class is made with"),
         ({"lambda": 1}, "there is no lambda. It may say: name, author, description, policy, guidance, field, scale"),
         ({"description": "${nope}"}, "entry.yaml has .* write the value"),

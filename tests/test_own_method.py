@@ -62,7 +62,7 @@ def test_its_scales_are_swept_beside_direct_transfer(brief, tmp_path, capsys):
     ("change", "message"),
     [
         (("Slower", "Paper"), "is called as its class is, paper. name=paper is not allowed"),
-        (('"none"', '"magic"'), "field_kind=magic is not allowed. Allowed: energy, feasibility, none"),
+        (('"none"', '"magic"'), "field_kind=magic is not allowed. Allowed: energy, witness, coverage,"),
         (("default_scale = 0.5", "default_scale = float('nan')"), "default_scale=nan is not allowed"),
         (("class Slower(Guidance)", "class Slower"), "has no class Slower that is a policies.guidance.Guidance"),
         (("class", "import nothing_of_that_name\n\n\nclass"), "raised ModuleNotFoundError: No module named"),
@@ -76,6 +76,33 @@ def test_what_a_class_cannot_be_is_said_in_a_line(tmp_path, change, message):
     with pytest.raises(SettingError, match=message) as refused:
         Entry.of_class(method, LimitsConfig())
     assert "\n" not in str(refused.value)
+
+
+def asking_for(folder, kind):
+    """The class of the documents made with a field of a kind, of which it takes a signed distance alone."""
+    method = documented(folder)
+    text = (folder / "mine.py").read_text().replace('"none"', f'"{kind}"')
+    taken = "        assert type(field).__name__ == 'SignedDistanceField'\n        self.scale = scale"
+    (folder / "mine.py").write_text(text.replace("        self.scale = scale", taken))
+    return method
+
+
+def test_it_is_made_with_the_field_that_it_asks_for(brief, tmp_path):
+    method = asking_for(tmp_path, "branch_reach")
+    ur5 = RobotConfig("ur5")  # Of which that field ships.
+    run.main(RunConfig(ur5, method=method, guidance_scale=0.9, output_dir=str(tmp_path / "out"), **FEW))
+    rows = read_episodes(tmp_path / "out")
+    assert rows[rows["lambda"] == 0.9].field_fingerprint.item()
+    with pytest.raises(SettingError, match="Slower.* raised AssertionError"):
+        method = asking_for(tmp_path, "energy")
+        run.main(RunConfig(ur5, method=method, guidance_scale=0.9, output_dir=str(tmp_path / "out"), **FEW))
+
+
+def test_a_field_of_another_task_s_poses_is_refused(tmp_path):
+    method = asking_for(tmp_path, "feasibility")
+    with pytest.raises(SettingError, match="held upright at one height, unlike that of press_buttons. Ask for energy,"):
+        run.main(configured(method, tmp_path / "out", task="press_buttons", guidance_scale=0.9))
+    assert not (tmp_path / "out").exists()
 
 
 def test_what_it_lacks_is_said_before_anything_is_run(tmp_path):

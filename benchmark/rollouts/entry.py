@@ -19,6 +19,7 @@ from benchmark.rollouts.make_condition import make_condition
 from benchmark.settings.command import SettingError, typed
 from benchmark.settings.config import LimitsConfig, RunConfig
 from benchmark.settings.entry_config import EntryConfig
+from policies.method import is_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -177,6 +178,11 @@ class Entry:
         from benchmark.rollouts.rollout import Rollout
 
         about = self.about
+        if not is_of(self.kind, task.space):
+            raise SettingError(
+                f"{self.method} asks for a field of {self.kind}, of a tool that is held upright at one height, unlike "
+                f"that of {task.name}. Ask for energy, coverage, branch_coverage or witness."
+            )
         if about.policy and Checkpoint(checkpoint).type == GUIDED:
             sampler, steps = Checkpoint(checkpoint).sampler  # As it was saved, whatever ours are sampled by.
             config = replace(config, sampler=sampler, sampling_steps=steps)

@@ -24,7 +24,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
-from benchmark.rollouts.stranger import FIELD_KINDS, MOST_CHUNKS, ClassAttributes, Stranger
+from benchmark.rollouts.stranger import MOST_CHUNKS, ClassAttributes, Stranger
+from benchmark.settings.entry_config import FIELD_KINDS
 from benchmark.settings.setting import SettingError, check_setting
 from policies.guidance import Guidance
 

@@ -5,7 +5,6 @@ from pathlib import Path
 
 MOST_CHUNKS = 1000
 """That a class may ask for at once."""
-FIELD_KINDS = ("energy", "feasibility", "none")
 
 
 @dataclass(frozen=True)
@@ -27,6 +26,6 @@ class ClassAttributes:
     """What a class says of itself."""
 
     field_kind: str
-    """Of the field that it is made with, one of `FIELD_KINDS`."""
+    """Of the field that it is made with, one of `benchmark.settings.entry_config.FIELD_KINDS`."""
     default_scale: float | None
     """Its own scale, in its own unit; None if it names none."""

@@ -6,9 +6,13 @@ from dataclasses import dataclass
 
 from benchmark.settings.config import CLASS_IN_FILE, ORACLE_METHODS
 from benchmark.settings.setting import check_setting
+from policies.method import FIELD_NEEDS
 from policies.methods import METHODS
 
 ENTRY_NAME = r"[a-z0-9][a-z0-9_-]{0,39}"  # What an entry may be called.
+
+FIELD_KINDS = (*(kind for kind in FIELD_NEEDS if kind != "value"), "none")
+"""Of field that a class may ask for (`policies.method.Method.field`). A value is learnt for one arm, not made."""
 
 
 @dataclass
@@ -26,8 +30,8 @@ class EntryConfig:
     guidance: str = ""
     """Subclass of policies.guidance.Guidance, as in guidance.py:MyGuidance; empty for none."""
     field: str = "none"
-    """Field that the class is made with: energy (of similarity to the source), feasibility (signed distance to the
-    border of what the arm can hold, in m) or none."""
+    """Kind of the field that the class is made with: energy (of similarity to the source), feasibility (signed distance
+    to the border of what the arm can hold, in m), another one of those in docs/submit.md, or none."""
     scale: float = 0.0
     """Scale that the class is made with, in its own unit."""
 
@@ -41,5 +45,5 @@ class EntryConfig:
         check_setting(bool(self.policy or self.guidance), "policy", self.policy, "a folder, unless there is guidance")
         form = not self.guidance or re.fullmatch(CLASS_IN_FILE, self.guidance)
         check_setting(bool(form), "guidance", self.guidance, "a file and its class, as in guidance.py:MyGuidance")
-        check_setting(self.field in ("energy", "feasibility", "none"), "field", self.field, "energy, feasibility, none")
+        check_setting(self.field in FIELD_KINDS, "field", self.field, ", ".join(FIELD_KINDS))
         check_setting(math.isfinite(self.scale), "scale", self.scale, "a number")

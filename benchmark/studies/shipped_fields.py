@@ -11,8 +11,7 @@ from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.suite import suite_conditions, suites
 from benchmark.settings.task import chosen_task
-from policies.method import AT_ONE_HEIGHT
-from policies.methods import METHODS
+from policies.method import is_of
 
 KINDS = ("feasibility", "reach", "branch_reach", "energy")
 
@@ -55,7 +54,7 @@ def main(config: ShippedFieldsConfig) -> None:
     for kind in config.kinds:
         for suite in config.suites:
             conditions = suite_conditions(suite).items()
-            made = {name: each for name, each in conditions if kind not in AT_ONE_HEIGHT or one_height(each.task)}
+            made = {name: each for name, each in conditions if is_of(kind, chosen_task(each.task).space)}
             for name, arm in suite_arms(made).items():
                 _, file = guidance_field(kind, arm, MapConfig(), EnergyConfig(), config.workers, console)
                 assert file is not None
@@ -63,11 +62,6 @@ def main(config: ShippedFieldsConfig) -> None:
                     with replacing(folder / file.name) as path:
                         shutil.copyfile(file, path)
                     console.print(f"{suite}, {name}: {file.name}, {file.stat().st_size // 1000} kB", soft_wrap=True)
-
-
-def one_height(task: str) -> bool:
-    """Whether the arm holds its tool upright at one height in a task, which what it can hold there is a field of."""
-    return not METHODS["feasibility"].refusal(chosen_task(task).space)
 
 
 if __name__ == "__main__":
