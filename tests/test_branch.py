@@ -84,3 +84,13 @@ def test_samples_are_of_the_branch_turned_about_joint_1_and_maps_are_kept_apart(
     assert len(turned) > 100
     assert in_branch(ROBOT, turned.astype(float)).mean() > 0.999  # One may be rounded over the border.
     assert len({ROBOT.fingerprint, UR5.fingerprint, UR5.in_branch_of((0.0,) * 6).fingerprint}) == 3
+
+
+@pytest.mark.parametrize("posture", [(0.0, 1.0), (0.0,) * 7, (0.0, 0.0, float("nan"), 0.0, 0.0, 0.0)])
+def test_a_posture_is_an_angle_for_each_joint(posture):
+    with pytest.raises(ValueError, match="A posture of ur5 is 6 finite angles in rad. Got"):
+        UR5.in_branch_of(posture)
+
+
+def test_the_same_posture_in_other_types_is_the_same_arm():
+    assert UR5.in_branch_of(tuple(np.array(POSTURE))).fingerprint == ROBOT.fingerprint

@@ -69,8 +69,9 @@ def main(config: PressableConfig) -> None:
         for kind in FIELDS:
             field, _ = guidance_field(kind, arm, MapConfig(), EnergyConfig(), config.workers, console)
             seems = promise(field, points, directions).reshape(pressed.shape)
-            low, middle, high = better(seems, pressed)
-            row[kind] = f"{middle:.2f} [{low:.2f}, {high:.2f}]"
+            row[kind] = "-"  # Where all buttons are pressed or none is, no two can be compared.
+            if 0 < pressed.mean() < 1:
+                row[kind] = "{1:.2f} [{0:.2f}, {2:.2f}]".format(*better(seems, pressed))
         rows.append(row)
     table = pd.DataFrame(rows)
     with replacing(Path(config.output)) as path:
@@ -116,23 +117,18 @@ def promise(field: object, points: "np.ndarray", directions: "np.ndarray") -> "n
 
 def better(seems: "np.ndarray", pressed: "np.ndarray") -> tuple[float, float, float]:
     """Probability that one that is pressed seems better than one that is not (the area under the ROC curve): its lower
-    bound, itself and its upper bound, of 95 %, for other scenes; NaN where all are alike."""
+    bound, itself and its upper bound, of 95 %, for other scenes. Some are pressed and some are not; drawings of scenes
+    in which that does not hold are left out."""
     import numpy as np
+    from scipy.stats import mannwhitneyu
 
     rng, found = np.random.default_rng(0), []
     for drawn in (np.arange(len(seems)), *rng.integers(0, len(seems), (RESAMPLED, len(seems)))):
-        found.append(_area(seems[drawn].ravel(), pressed[drawn].ravel()))
-    low, high = np.nanquantile(found[1:], [0.025, 0.975])
-    return float(low), found[0], float(high)
-
-
-def _area(seems: "np.ndarray", pressed: "np.ndarray") -> float:
-    from scipy.stats import rankdata
-
-    n, rest = pressed.sum(), (~pressed).sum()
-    if not n or not rest:
-        return float("nan")
-    return float((rankdata(seems)[pressed].sum() - n * (n + 1) / 2) / (n * rest))
+        yes, no = seems[drawn][pressed[drawn]], seems[drawn][~pressed[drawn]]
+        if len(yes) and len(no):
+            found.append(mannwhitneyu(yes, no, method="asymptotic").statistic / (len(yes) * len(no)))
+    low, high = np.quantile(found[1:], [0.025, 0.975])
+    return float(low), float(found[0]), float(high)
 
 
 if __name__ == "__main__":

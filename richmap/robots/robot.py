@@ -160,8 +160,13 @@ class RobotDescription:
 
         Args:
             posture: In the branch, in [rad].
+
+        Raises:
+            ValueError: If it has not a finite angle for each joint.
         """
-        return replace(self, posture=posture) if len(self.joints) == JOINTS_OF_BRANCHES else self
+        if len(posture) != len(self.joints) or not np.isfinite(posture).all():
+            raise ValueError(f"A posture of {self.name} is {len(self.joints)} finite angles in rad. Got {posture}")
+        return replace(self, posture=tuple(map(float, posture))) if len(self.joints) == JOINTS_OF_BRANCHES else self
 
     def turned(self, yaw: float) -> "RobotDescription":
         """The same arm on a base that is turned about z, in [rad]: its base frame is parallel to the world's again."""
