@@ -5,6 +5,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float
 
+from richmap.maps.reachability_map import ReachabilityMap
 from richmap.task_spaces.way import Way
 
 
@@ -48,6 +49,9 @@ class EpisodeModel(Protocol):
 
     def ideal(self) -> "EpisodeModel":
         """The same with a tool that goes where it is told, whatever arm holds it."""
+
+    def by_map(self, of_arm: ReachabilityMap) -> "EpisodeModel":
+        """The same of the arm as its map has it: `share` is by that, and what stands for its joints is up to it."""
 
     def start(self) -> Float[np.ndarray, " dof"]:
         """Joint angles at the start of an episode, in [rad]."""

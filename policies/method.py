@@ -20,6 +20,7 @@ FIELD_NEEDS = {
     "reach": ("target's map",),
     "branch_coverage": ("target's map in its branch",),
     "branch_reach": ("target's map in its branch",),
+    "branch_map": ("target's map in its branch",),
     "value": ("arm's description",),
 }
 """What each kind of field is made of."""
@@ -48,8 +49,9 @@ class Method:
     field: str | None
     """What it looks at: `energy` (similarity to the source), `feasibility` (what the arm can hold), `reach` (the same
     by its map alone), `coverage` (the approach directions that its map has at each place), `branch_reach` and
-    `branch_coverage` (the same by the map of the arm's branch above the table), `witness` (those that the source has
-    and it lacks), `value` (what was learnt of how episodes end on the arm), or None."""
+    `branch_coverage` (the same by the map of the arm's branch above the table), `branch_map` (that map itself),
+    `witness` (those that the source has and it lacks), `value` (what was learnt of how episodes end on the arm), or
+    None."""
     scale: str
     """What its scale, `lambda`, is, with its unit."""
     first: float

@@ -290,6 +290,18 @@ METHODS = {
             also_needs=("arm's description",),
         ),
         Method(
+            name="way_through_map",
+            entry_point="policies.way_choice:way_through_map",
+            text="the one along which the map of the arm's branch has most, free of what stands there",
+            field="branch_map",
+            scale="number of poses that are asked about each one on the scripted expert's paths",
+            first=4.0,
+            counts=True,
+            imagines=True,
+            avoids=True,
+            also_needs=("shapes of the arm's links",),
+        ),
+        Method(
             name="value_on_arm",
             entry_point="policies.press_buttons.value_choice:value_on_arm",
             text="the sample after which the task is done most likely, as was learnt from imagined episodes on the arm",

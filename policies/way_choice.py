@@ -15,6 +15,7 @@ from policies.directional_methods import FlippedCost, PoseCost, ShuffledCost, co
 from policies.episode_model import EpisodeModel
 from policies.guidance import Guidance
 from policies.setup import Setup
+from richmap.maps.reachability_map import ReachabilityMap
 from richmap.task_spaces.way import Way
 
 EVERY = 10
@@ -113,7 +114,8 @@ class WayChoice(Guidance):
 
 @final
 class WayOnArm(WayChoice):
-    """Merit is the share of the scripted expert's paths along a way that the arm's kinematic twin can go."""
+    """Merit is the share of a way that the arm can go, by its kinematic twin or by its map: of the scripted expert's
+    paths, or of the poses about them."""
 
     def __init__(self, model: EpisodeModel, measured: slice, tries: int) -> None:
         super().__init__(model, measured)
@@ -148,6 +150,13 @@ class WayOfAny(WayChoice):
 def way_on_arm(given: Setup) -> WayOnArm:
     """The way of which the arm's kinematic twin can go most."""
     return WayOnArm(*_known(given), int(given.scale))
+
+
+def way_through_map(given: Setup) -> WayOnArm:
+    """The way of which the arm's map has most, all along."""
+    assert isinstance(given.field, ReachabilityMap)  # `policies.method` has seen to it.
+    model, measured = _known(given)
+    return WayOnArm(model.by_map(given.field), measured, int(given.scale))
 
 
 def way_by_map(given: Setup) -> WayByMap:

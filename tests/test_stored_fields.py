@@ -50,7 +50,7 @@ def test_a_distance_of_before_it_had_a_kind_is_read_as_one(tmp_path):
 
 def test_what_is_no_field_is_refused(tmp_path):
     file = tmp_path / "field.safetensors"
-    save_arrays(file, "richmap.ReachabilityMap", 1, {}, {})
+    save_arrays(file, "richmap.CoverageBitmap", 1, {}, {})
     with pytest.raises(FileRefusedError, match="which is no field"):
         load_field(file)
     file.write_bytes(b"something else")

@@ -21,6 +21,7 @@ MAKERS = {
     "branch_reach": "benchmark.artifacts.maps:arm_branch_reach",
     "coverage": "benchmark.artifacts.maps:arm_coverage",
     "branch_coverage": "benchmark.artifacts.maps:arm_branch_coverage",
+    "branch_map": "benchmark.artifacts.maps:arm_branch_map_and_file",
     "witness": "benchmark.artifacts.maps:arm_witness",
     "value": "benchmark.artifacts.arm_values:arm_value",
 }
@@ -34,6 +35,7 @@ MAPS = {
     "branch_reach": "benchmark.artifacts.maps:arm_branch_map",
     "coverage": "benchmark.artifacts.maps:arm_map",
     "branch_coverage": "benchmark.artifacts.maps:arm_branch_map",
+    "branch_map": "benchmark.artifacts.maps:arm_branch_map",
     "witness": "benchmark.artifacts.maps:arm_maps",
 }
 """What gives the maps that a kind is made of; no other kind is made of any."""

@@ -153,6 +153,16 @@ def arm_branch_map(arm: "PlacedArm", config: MapConfig, workers: int, console: C
     return (robot_map(*arm.as_mapped_in_branch(), _above_table(arm, config), workers, console),)
 
 
+def arm_branch_map_and_file(
+    arm: "PlacedArm", config: MapConfig, _energy: EnergyConfig, workers: int, console: Console
+) -> tuple["ReachabilityMap", Path]:
+    """The same as methods look at it, and its file in the cache."""
+    from richmap.maps.cached_map import file_of
+
+    (built,) = arm_branch_map(arm, config, workers, console)
+    return built, file_of(built)
+
+
 def arm_coverage(
     arm: "PlacedArm", map_config: MapConfig, _energy: EnergyConfig, workers: int, console: Console
 ) -> tuple["DirectionalCoverage", Path]:

@@ -1,28 +1,36 @@
-"""What guidance may imagine with: a tool that goes where it is told, or an arm where its inverse kinematics says.
+"""What guidance may imagine with: a tool that goes where it is told, an arm where its inverse kinematics says, or one
+that is known by its map.
 
 No simulator: neither dynamics nor contact, but what an arm would touch on its way is known.
 """
 
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations, permutations
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from envs.arm.obstacles import Places
 from envs.arm.placed_arm import PlacedArm
-from envs.press_buttons.motion import advance_all, advance_ideal, follow
+from envs.press_buttons.imagined import ImaginedPresses
+from envs.press_buttons.motion import follow, play_ideal
 from envs.press_buttons.scene import PAIRS, Scene
 from envs.press_buttons.twin import KinematicTwin, ToolKinematics
 from envs.press_buttons.workspace import MAX_EPISODE_STEPS, START, TRAVEL
-from richmap.motion.kinematics import forward
-from richmap.task_spaces.press_buttons import BUTTONS, LAST, NORMAL, PLACE, PRESS_BUTTONS_SPACE, PRESSED, ROD
+from richmap.maps.reachability_map import ReachabilityMap
+from richmap.task_spaces.press_buttons import BUTTONS, NORMAL, PLACE, PRESS_BUTTONS_SPACE, PRESSED, ROD
 from richmap.task_spaces.way import Way
 
-STATE = PRESS_BUTTONS_SPACE.state
+TOOL = PRESS_BUTTONS_SPACE.state["tool"]
 MOVED, TURNED = 0.004, 0.05
 """By which buttons are slightly moved along each axis, in [m], and their normals turned, in [rad]: the standard
 deviations."""
+NEAR, LEANING = 0.025, 0.15
+"""As far along each axis at most, in [m], and as far turned about each, in [rad], are poses that are asked of the map
+about one: half a cell of the usual maps."""
+REMEMBERED = 64
+"""Scenes."""
 
 
 class PressModel:
@@ -41,6 +49,11 @@ class PressModel:
     def ideal(self) -> "PressModel":
         """The same without an arm."""
         return PressModel(None)
+
+    def by_map(self, of_arm: ReachabilityMap) -> "PressModel":
+        """The same of the arm as its map has it."""
+        assert self._arm is not None
+        return MappedPressModel(self._arm, of_arm)
 
     def among(self, obstacles: Places) -> "PressModel":
         """The same among obstacles that stand there."""
@@ -70,7 +83,11 @@ class PressModel:
         """Where the joints are now, in [rad], by where the tool is seen and where they were a step ago."""
         tool, q = self._tool, joints.copy()
         if tool is not None:
-            seen, rotation, work = state[STATE["tool"]], np.zeros((3, 3)), np.empty((4 * len(q) + 16, 6))
+            seen, rotation, work = (
+                state[PRESS_BUTTONS_SPACE.state["tool"]],
+                np.zeros((3, 3)),
+                np.empty((4 * len(q) + 16, 6)),
+            )
             follow(
                 tool.frames, tool.lower, tool.upper, tool.weight, q, seen[:3].copy(), seen[3:].copy(), rotation, work
             )
@@ -81,7 +98,7 @@ class PressModel:
         joints: Float[np.ndarray, "n dof"],
         state: Float[np.ndarray, "n 12"],
         environment: Float[np.ndarray, "n 32"],
-    ) -> "ImaginedPresses":
+    ) -> ImaginedPresses:
         """Episodes that go on from what is seen, a row each."""
         return ImaginedPresses(self._tool, self._twin, joints, state, environment, self._obstacles)
 
@@ -116,10 +133,9 @@ class PressModel:
         nothing else; 1 where the tool goes where it is told."""
         if self._twin is None:
             return 1.0
-        buttons, (first, second) = environment.reshape(BUTTONS, -1), (way.goals[0], way.goals[-1])
-        may_touch = (*np.flatnonzero(buttons[:, PRESSED] > 0.5).tolist(), first, second)
-        orders, rng, done = {(first, second)}, np.random.default_rng(0), 0
-        orders |= set() if way.in_order else {(second, first)}
+        buttons = environment.reshape(BUTTONS, -1)
+        may_touch = (*np.flatnonzero(buttons[:, PRESSED] > 0.5).tolist(), *way.goals)
+        orders, rng, done = _orders(way), np.random.default_rng(0), 0
         places, normals = buttons[:, PLACE].copy(), buttons[:, NORMAL].copy()
         for _ in range(tries):
             for order in orders:
@@ -131,101 +147,121 @@ class PressModel:
         return done / (tries * len(orders))
 
 
-class ImaginedPresses:
-    """Several imagined episodes, a step at a time; see `policies.episode_model.Imagined`.
+@dataclass
+class Known:
+    """What was found out in a scene."""
 
-    Attributes:
-        state, environment: What is seen, in the task's layout.
+    touched: dict[int, int] = field(default_factory=dict)
+    """By row of the map, what its configuration touches (`KinematicTwin.touched`)."""
+    at: bytes = b""
+    """Where the tool was last."""
+    held: dict[tuple[int, int], float] = field(default_factory=dict)
+    """From there, by order of the buttons."""
+
+
+class MappedPressModel(PressModel):
+    """The same of an arm that is known by its map. No inverse kinematics is run.
+
+    The scripted expert leads a tool that goes where it is told. About each pose on its way the map is asked for others,
+    and whether the configurations that it keeps for them touch anything: a part of the arm, the table, a button, an
+    obstacle. What is kept of the arm from step to step is where its tool is seen, tip and approach direction.
+
+    Args:
+        arm: The arm, as it stands, for the shapes of its links.
+        of_arm: Its map, in its base frame.
     """
 
-    def __init__(
+    def __init__(self, arm: PlacedArm, of_arm: ReachabilityMap) -> None:
+        super().__init__(arm)
+        self._map, self._base = of_arm, np.array(arm.kinematic_base)
+        self._shapes = KinematicTwin(arm)
+        self._scenes: dict[bytes, Known] = {}
+
+    def among(self, obstacles: Places) -> "MappedPressModel":
+        """The same among obstacles that stand there."""
+        model = object.__new__(MappedPressModel)
+        vars(model).update(vars(self), _obstacles=obstacles, _scenes={})
+        return model
+
+    def start(self) -> Float[np.ndarray, "6"]:
+        """Where the tool is at the start of an episode."""
+        return np.array([*START, 0.0, 0.0, -1.0])
+
+    def track(self, joints: Float[np.ndarray, "6"], state: Float[np.ndarray, "12"]) -> Float[np.ndarray, "6"]:
+        """Where the tool is seen."""
+        return state[TOOL]
+
+    def begin(
+        self, joints: Float[np.ndarray, "n 6"], state: Float[np.ndarray, "n 12"], environment: Float[np.ndarray, "n 32"]
+    ) -> ImaginedPresses:
+        """Episodes of a tool that goes where it is told, a row each."""
+        return self.ideal().begin(joints, state, environment)
+
+    def share(
+        self, joints: Float[np.ndarray, "6"], environment: Float[np.ndarray, "32"], way: Way, tries: int
+    ) -> float:
+        """Of so many poses about the worst one on the expert's path along a way, the share that the arm can hold by its
+        map, touching nothing else; over both orders the mean, where either will do."""
+        buttons = environment.reshape(BUTTONS, -1)
+        places, normals, pressed = buttons[:, PLACE].copy(), buttons[:, NORMAL].copy(), buttons[:, PRESSED] > 0.5
+        known = self._known(buttons[:, PLACE].tobytes() + buttons[:, NORMAL].tobytes(), joints.tobytes())
+        orders = _orders(way)
+        for order in orders - {*known.held}:
+            allowed = sum(1 << button for button in {*np.flatnonzero(pressed).tolist(), *order})
+            known.held[order] = self._held(known.touched, joints, places, normals, order, allowed, tries)
+        return float(np.mean([known.held[order] for order in orders]))
+
+    def _known(self, scene: bytes, tool: bytes) -> Known:
+        if scene not in self._scenes and len(self._scenes) >= REMEMBERED:
+            del self._scenes[next(iter(self._scenes))]
+        known = self._scenes.setdefault(scene, Known())
+        if known.at != tool:
+            known.at, known.held = tool, {}
+        return known
+
+    def _held(
         self,
-        tool: ToolKinematics | None,
-        twin: KinematicTwin | None,
-        joints: Float[np.ndarray, "n dof"],
-        state: Float[np.ndarray, "n 12"],
-        environment: Float[np.ndarray, "n 32"],
-        obstacles: Places | None = None,
+        touched: dict[int, int],
+        tool: Float[np.ndarray, "6"],
+        places: Float[np.ndarray, "4 3"],
+        normals: Float[np.ndarray, "4 3"],
+        order: tuple[int, int],
+        allowed: int,
+        tries: int,
+    ) -> float:
+        path = np.empty((MAX_EPISODE_STEPS + 1, 6))
+        made = play_ideal(tool[:3].copy(), tool[3:].copy(), places, normals, *order, path)
+        tips, approach = path[1 : made + 1, :3], path[1 : made + 1, 3:]
+        moved, leaning = _about(tries)
+        positions = (tips - ROD * approach - self._base)[:, None] + moved
+        directions = approach[:, None] + leaning
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+        rows, angles = self._map.nearest(positions.reshape(-1, 3), directions.reshape(-1, 3))
+        rows[angles >= self._map.construction.theta] = -1
+        self._look(touched, rows, places, normals)
+        free = [row >= 0 and not touched[row] & ~allowed for row in rows.tolist()]
+        return float(np.reshape(free, (len(tips), -1)).mean(1).min())
+
+    def _look(
+        self,
+        touched: dict[int, int],
+        rows: Int[np.ndarray, " n"],
+        places: Float[np.ndarray, "4 3"],
+        normals: Float[np.ndarray, "4 3"],
     ) -> None:
-        self._tool, self._twin, self._obstacles = tool, twin, obstacles
-        self.state, self.environment = np.array(state, dtype=float), np.array(environment, dtype=float)
-        buttons = self.environment.reshape(len(joints), BUTTONS, -1)
-        self._places, self._normals = buttons[..., PLACE].copy(), buttons[..., NORMAL].copy()
-        self._pressed = buttons[..., PRESSED] > 0.5
-        self._last = np.where(buttons[..., LAST].any(1), buttons[..., LAST].argmax(1), -1)
-        self._joints, commanded = np.array(joints, dtype=float), self.state[:, STATE["commanded"]]
-        self._command, self._direction = commanded[:, :3].copy(), commanded[:, 3:].copy()
-        self._tip, self._approach = self._command, self._direction
-        if tool is not None:
-            self._tip, self._approach = self._command.copy(), self._direction.copy()
-            turned = np.empty((3, 3))
-            for q, tip, approach in zip(self._joints, self._tip, self._approach, strict=True):
-                forward(tool.frames, q, tip, turned)
-                approach[:] = turned[:, 2]
-        self._path, self._counts = [self._now()], [self._pressed.sum(1)]
-        self._ended = np.full(len(joints), -1)
-        self._free: dict[int, bool] = {}
+        """Find out what configurations touch that were not looked at."""
+        new = [row for row in np.unique(rows).tolist() if row >= 0 and row not in touched]
+        joints = self._map.configurations(np.array(new, dtype=int))
+        touched.update(zip(new, self._shapes.touched(places, normals, joints, self._obstacles), strict=True))
 
-    def step(self, actions: Float[np.ndarray, "n 6"]) -> None:
-        """Let a control step pass in those that are going on."""
-        tool, given = self._tool, np.asarray(actions, dtype=float)
-        where = (self._places, self._normals, self._pressed, self._last, given, self.going)
-        if tool is None:
-            advance_ideal(self._command, self._direction, *where)
-        else:
-            advance_all(
-                tool.frames, tool.lower, tool.upper, tool.weight, self._joints, self._command, self._direction,
-                self._tip, self._approach, *where,
-            )  # fmt: skip
-        self._path.append(self._now())
-        self._counts.append(self._pressed.sum(1))
-        self.state[:, STATE["tool"]] = np.hstack([self._tip, self._approach])
-        self.state[:, STATE["commanded"]] = np.hstack([self._command, self._direction])
-        buttons = self.environment.reshape(len(self.state), BUTTONS, -1)
-        buttons[..., PRESSED] = self._pressed
-        buttons[..., LAST] = np.arange(BUTTONS) == self._last[:, None]
-        self._ended[self.going & (self._pressed.sum(1) >= 2)] = len(self._path) - 1
 
-    def _now(self) -> Float[np.ndarray, "n numbers"]:
-        """Tip, approach direction and joints."""
-        return np.hstack([self._tip, self._approach, self._joints])
+def _orders(way: Way) -> set[tuple[int, int]]:
+    """In which a way's goals may be reached; the one goal is its own second."""
+    first, second = way.goals[0], way.goals[-1]
+    return {(first, second)} if way.in_order else {(first, second), (second, first)}
 
-    @property
-    def going(self) -> Bool[np.ndarray, " n"]:
-        """Which have not pressed two buttons yet."""
-        return self._ended < 0
 
-    def lengths(self) -> Float[np.ndarray, " n"]:
-        """Steps until two were pressed; infinite for those that are still going."""
-        return np.where(self.going, np.inf, self._ended)
-
-    def _way(self, row: int) -> Float[np.ndarray, "steps numbers"]:
-        """What `_now` was from the beginning to the end."""
-        end = self._ended[row] if self._ended[row] >= 0 else len(self._path) - 1
-        return np.array([now[row] for now in self._path[: end + 1]])
-
-    def flange(self, row: int) -> tuple[Float[np.ndarray, "steps 3"], Float[np.ndarray, "steps 3"]]:
-        """Positions of the flange, in [m], and approach directions of a row, from the beginning to the end."""
-        way = self._way(row)
-        return way[:, :3] - ROD * way[:, 3:6], way[:, 3:6]
-
-    def is_free(self, row: int) -> bool:
-        """Whether the arm of a row touches nothing on its way but, with the rod, what it presses."""
-        if row not in self._free:
-            self._free[row] = self._twin is None or self._is_free(self._twin, row)
-        return self._free[row]
-
-    def achieved(self, row: int) -> tuple[int, int]:
-        """How many buttons are pressed in a row when its arm first touches what stops it, or at its end, and after how
-        many steps that is. The rod may touch any button, as in the environment."""
-        way, end = self._way(row), None
-        if self._twin is not None:
-            of_all = self._places[row], self._normals[row], way[:, 6:], tuple(range(BUTTONS)), self._obstacles
-            end = self._twin.first_touch(*of_all)
-        end = len(way) - 1 if end is None else end
-        return int(self._counts[end][row]), end
-
-    def _is_free(self, twin: KinematicTwin, row: int) -> bool:
-        pressed = tuple(np.flatnonzero(self._pressed[row]).tolist())
-        way = self._way(row)[:, 6:]
-        return not twin.touches(self._places[row], self._normals[row], way, pressed, self._obstacles)
+def _about(count: int) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    """By what poses about one lie beside it, in [m], and what is added to its approach direction."""
+    rng = np.random.default_rng(0)
+    return rng.uniform(-NEAR, NEAR, (count, 3)), rng.uniform(-LEANING, LEANING, (count, 3))

@@ -145,6 +145,18 @@ def counts(travel, tip, pointing, place, normal):
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
+def press(tip, pointing, places, normals, pressed):
+    """Press what a tool presses where it is now: `pressed` changes in place. Gives the last button, or -1 for none."""
+    last = np.int64(-1)
+    for i in range(len(places)):
+        height, _ = at_button(tip, places[i], normals[i])
+        if not pressed[i] and counts(-height, tip, pointing, places[i], normals[i]):
+            pressed[i], last = True, i
+    return last
+
+
+@numba.njit(cache=True, nogil=True)
+@no_type_check
 def lead(tip, approach, places, normals, last, goal, action):
     """Write the scripted expert's step of the commanded tool towards pressing a button, leaving the last one first."""
     if last >= 0:
@@ -185,7 +197,7 @@ def lead(tip, approach, places, normals, last, goal, action):
 def advance(frames, lower, upper, weight, q, tip, approach, measured, pointing, places, normals, pressed, action, work):
     """A control step of an arm that is always where its inverse kinematics says: all but the first four, the buttons
     and the action changes in place. Gives the last button that this step pressed, or -1."""
-    n, last = len(q), np.int64(-1)
+    n = len(q)
     scratch, rows = work[: 4 * n + 16], work[4 * n + 16 :].reshape(-1)
     rotation, turned = rows[:9].reshape(3, 3), rows[9:18].reshape(3, 3)
     move(tip, approach, action)
@@ -194,11 +206,7 @@ def advance(frames, lower, upper, weight, q, tip, approach, measured, pointing, 
     forward(frames, q, measured, turned)
     pointing[:] = turned[:, 2]
     keep_near(tip, approach, measured, pointing)
-    for i in range(len(places)):
-        height, _ = at_button(measured, places[i], normals[i])
-        if not pressed[i] and counts(-height, measured, pointing, places[i], normals[i]):
-            pressed[i], last = True, i
-    return last
+    return press(measured, pointing, places, normals, pressed)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -225,10 +233,30 @@ def advance_ideal(tip, approach, places, normals, pressed, last, actions, going)
     for i in range(len(tip)):
         if going[i]:
             move(tip[i], approach[i], actions[i])
-            for k in range(len(places[i])):
-                height, _ = at_button(tip[i], places[i, k], normals[i, k])
-                if not pressed[i, k] and counts(-height, tip[i], approach[i], places[i, k], normals[i, k]):
-                    pressed[i, k], last[i] = True, k
+            new = press(tip[i], approach[i], places[i], normals[i], pressed[i])
+            if new >= 0:
+                last[i] = new
+
+
+@numba.njit(cache=True, nogil=True)
+@no_type_check
+def play_ideal(tip, approach, places, normals, first, second, path):
+    """An episode of the scripted expert with a tool that goes where it is told, from a pose on, which changes in place.
+
+    `path` (steps + 1, 6) is filled with tips and approach directions. Gives how many steps were made until both buttons
+    were pressed; all if they were not.
+    """
+    action, pressed, last = np.empty(6), np.zeros(len(places), dtype=np.bool_), np.int64(-1)
+    path[0, :3], path[0, 3:] = tip, approach
+    for k in range(1, len(path)):
+        lead(tip, approach, places, normals, last, second if pressed[first] else first, action)
+        move(tip, approach, action)
+        new = press(tip, approach, places, normals, pressed)
+        last = new if new >= 0 else last
+        path[k, :3], path[k, 3:] = tip, approach
+        if pressed[first] and pressed[second]:
+            return k
+    return len(path) - 1
 
 
 @numba.njit(cache=True, nogil=True)

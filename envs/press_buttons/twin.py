@@ -26,6 +26,9 @@ from envs.press_buttons.workspace import (
 from richmap.motion.kinematics import forward, joint_frames
 from richmap.task_spaces.press_buttons import BUTTONS, ROD
 
+WRONG = 1 << BUTTONS
+"""The bit of what must not be touched, after those of the buttons (`KinematicTwin.touched`)."""
+
 
 class ToolKinematics:
     """An arm's kinematics with the tip of the rod as its end, in the world.
@@ -109,17 +112,21 @@ class KinematicTwin:
     ) -> int | None:
         """The number of the first of these configurations in which something touches so, from 0 on; None for none.
         Obstacles that are not told are away."""
-        model, data = self._model
-        data.mocap_pos[:BUTTONS], data.mocap_quat[:BUTTONS] = places, [turn_to(normal) for normal in normals]
-        away = np.tile([0.0, 0.0, AWAY, 0.0], (self._arm.obstacles, 1))
-        put(data, range(BUTTONS, model.nmocap), away if obstacles is None else obstacles)
-        for number, q in enumerate(joints):
-            data.qpos[:] = q
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_collision(model, data)
-            if data.ncon and any(self._is_wrong(pair, pressed) for pair in data.contact.geom.tolist()):
-                return number
-        return None
+        self._put(places, normals, obstacles)
+        allowed = sum(1 << button for button in {*pressed})
+        return next((number for number, q in enumerate(joints) if self._touched(q) & ~allowed), None)
+
+    def touched(
+        self,
+        places: Float[np.ndarray, "4 3"],
+        normals: Float[np.ndarray, "4 3"],
+        joints: Float[np.ndarray, "n dof"],
+        obstacles: Places | None = None,
+    ) -> list[int]:
+        """What is touched in each of these configurations: a bit for each button, in their order, that the rod touches,
+        and the next one for whatever must not be touched. Obstacles that are not told are away."""
+        self._put(places, normals, obstacles)
+        return [self._touched(q) for q in joints]
 
     def can_press(
         self,
@@ -139,13 +146,29 @@ class KinematicTwin:
             forward(self._tool.frames, q, tip, turned)
         return tips
 
-    def _is_wrong(self, touching: list[int], pressed: tuple[int, ...]) -> bool:
-        """Whether two geoms are not to touch each other while these buttons are pressed."""
+    def _put(
+        self, places: Float[np.ndarray, "4 3"], normals: Float[np.ndarray, "4 3"], obstacles: Places | None
+    ) -> None:
+        """Put buttons and obstacles where they are."""
+        model, data = self._model
+        data.mocap_pos[:BUTTONS], data.mocap_quat[:BUTTONS] = places, [turn_to(normal) for normal in normals]
+        away = np.tile([0.0, 0.0, AWAY, 0.0], (self._arm.obstacles, 1))
+        put(data, range(BUTTONS, model.nmocap), away if obstacles is None else obstacles)
+
+    def _touched(self, q: Float[np.ndarray, " dof"]) -> int:
+        """What is touched in a configuration, as `touched` has it."""
+        model, data = self._model
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
         rod, floor, buttons = self._geoms
-        if rod not in touching:
-            return True
-        (other,) = {*touching} - {rod}
-        return other != floor and buttons.get(other) not in pressed
+        bits = 0
+        for pair in data.contact.geom.tolist() if data.ncon else ():
+            if rod not in pair:
+                return WRONG
+            (other,) = {*pair} - {rod}
+            bits |= 0 if other == floor else 1 << buttons.get(other, BUTTONS)
+        return bits
 
     @cached_property
     def _geoms(self) -> tuple[int, int, dict[int, int]]:

@@ -1,7 +1,7 @@
 """Maps from the cache of the user's account, built first if they are not there."""
 
 import shutil
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -94,7 +94,7 @@ def build_map(
             raise FileRefusedError(f"{path} has another grid than its name says. Delete it and make it again.")
         return loaded
 
-    built, path = cached(f"maps/{robot.name}-{key[:16]}.safetensors", load, build)
+    built, path = cached(_name(robot.name, key), load, build)
     if made:  # and stored, so that what the build could go on from is not needed any more
         with lock:
             shutil.rmtree(folder, ignore_errors=True)
@@ -106,9 +106,21 @@ def build_map(
     return built
 
 
+def file_of(built: ReachabilityMap) -> Path:
+    """Where the cache has a map that was built there."""
+    asked = replace(built.construction, draws=0, offered=0, batch_rate=1.0, independent_rate=1.0)
+    key, _ = _key_and_folder(built.grid, asked)
+    return Path(platformdirs.user_cache_dir("richmap"), _name(built.construction.robot, key))
+
+
 def build_seconds(built: ReachabilityMap) -> float:
     """Wall time that the build of a map took on this machine, in [s]; NaN where it was not built here."""
     return seconds(_seconds_file(built))
+
+
+def _name(robot: str, key: str) -> str:
+    """Of a map's file, in the cache folder."""
+    return f"maps/{robot}-{key[:16]}.safetensors"
 
 
 def _key_and_folder(grid: Grid, asked: Construction) -> tuple[str, Path]:

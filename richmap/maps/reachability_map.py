@@ -19,8 +19,6 @@ from richmap.geometry.roll import FULL_CIRCLE, roll_about
 from richmap.maps.direction_index import DirectionIndex
 from richmap.robots.robot import RobotDescription
 
-KIND, VERSION = "richmap.ReachabilityMap", 3
-
 
 class Reach(IntEnum):
     """Answer to whether a whole pose can be reached."""
@@ -95,6 +93,9 @@ class ReachabilityMap:
     """Whether all rolls but the gaps are known to be reached (`sampling.roll_gap`)."""
     construction: Construction
 
+    KIND = "richmap.ReachabilityMap"
+    VERSION = 3
+
     def __post_init__(self) -> None:
         for name, array in self._arrays().items():
             object.__setattr__(self, name, read_only(array))
@@ -155,6 +156,11 @@ class ReachabilityMap:
             return np.tile([0.0, 2 * np.pi], (len(rows), 1))
         start, width = self.gaps[rows].astype(np.float64).T * (2 * np.pi / FULL_CIRCLE)
         return np.stack([(start + width) % (2 * np.pi), 2 * np.pi - width], 1)
+
+    @property
+    def about(self) -> dict[str, str]:
+        """Whose map it is, and what tells it from others."""
+        return {"target": self.construction.robot, "fingerprint": self.content_hash}
 
     @cached_property
     def content_hash(self) -> str:
@@ -238,7 +244,7 @@ class ReachabilityMap:
             "rolls_tracked": json.dumps(self.rolls_tracked),
             "frame": f"base frame of {self.construction.robot}; lengths in m, angles in rad",
         }
-        save_arrays(Path(path), KIND, VERSION, self._arrays(), about)
+        save_arrays(Path(path), self.KIND, self.VERSION, self._arrays(), about)
 
     @classmethod
     def load(cls, path: Path | str, robot: RobotDescription | None = None) -> "ReachabilityMap":
@@ -251,7 +257,7 @@ class ReachabilityMap:
         Raises:
             FileRefusedError: If the file is cut short or damaged, is no map, or has another version or another robot.
         """
-        with reading(path, KIND, VERSION) as (arrays, about):
+        with reading(path, cls.KIND, cls.VERSION) as (arrays, about):
             construction = Construction.from_dict(json.loads(about["construction"]))
             check_robot(path, construction.robot, construction.robot_fingerprint, robot)
             if robot is not None and not np.array_equal(arrays["limits"], [robot.lower, robot.upper]):

@@ -5,12 +5,13 @@ from pathlib import Path
 
 from richmap.files import FileRefusedError, reading, texts_of
 from richmap.geometry.grid import Grid
+from richmap.maps.reachability_map import ReachabilityMap
 from richmap.similarity.arm_value import ArmValue
 from richmap.similarity.directional import DirectionalCoverage, DirectionalEnergy
 from richmap.similarity.energy import EnergyField
 from richmap.similarity.signed_distance import SignedDistanceField
 
-StoredField = EnergyField | SignedDistanceField | DirectionalCoverage | DirectionalEnergy | ArmValue
+StoredField = EnergyField | SignedDistanceField | DirectionalCoverage | DirectionalEnergy | ArmValue | ReachabilityMap
 """What guidance may be made with."""
 FIELDS: dict[str, type[StoredField]] = {
     "energy": EnergyField,
@@ -19,6 +20,7 @@ FIELDS: dict[str, type[StoredField]] = {
     "branch_reach": SignedDistanceField,
     "coverage": DirectionalCoverage,
     "branch_coverage": DirectionalCoverage,
+    "branch_map": ReachabilityMap,
     "witness": DirectionalEnergy,
     "value": ArmValue,
 }

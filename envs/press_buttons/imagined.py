@@ -1,0 +1,112 @@
+"""Episodes that are imagined side by side."""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from envs.arm.obstacles import Places
+from envs.press_buttons.motion import advance_all, advance_ideal
+from envs.press_buttons.twin import KinematicTwin, ToolKinematics
+from richmap.motion.kinematics import forward
+from richmap.task_spaces.press_buttons import BUTTONS, LAST, NORMAL, PLACE, PRESS_BUTTONS_SPACE, PRESSED, ROD
+
+STATE = PRESS_BUTTONS_SPACE.state
+
+
+class ImaginedPresses:
+    """Several imagined episodes, a step at a time; see `policies.episode_model.Imagined`.
+
+    Attributes:
+        state, environment: What is seen, in the task's layout.
+    """
+
+    def __init__(
+        self,
+        tool: ToolKinematics | None,
+        twin: KinematicTwin | None,
+        joints: Float[np.ndarray, "n dof"],
+        state: Float[np.ndarray, "n 12"],
+        environment: Float[np.ndarray, "n 32"],
+        obstacles: Places | None = None,
+    ) -> None:
+        self._tool, self._twin, self._obstacles = tool, twin, obstacles
+        self.state, self.environment = np.array(state, dtype=float), np.array(environment, dtype=float)
+        buttons = self.environment.reshape(len(joints), BUTTONS, -1)
+        self._places, self._normals = buttons[..., PLACE].copy(), buttons[..., NORMAL].copy()
+        self._pressed = buttons[..., PRESSED] > 0.5
+        self._last = np.where(buttons[..., LAST].any(1), buttons[..., LAST].argmax(1), -1)
+        self._joints, commanded = np.array(joints, dtype=float), self.state[:, STATE["commanded"]]
+        self._command, self._direction = commanded[:, :3].copy(), commanded[:, 3:].copy()
+        self._tip, self._approach = self._command, self._direction
+        if tool is not None:
+            self._tip, self._approach = self._command.copy(), self._direction.copy()
+            turned = np.empty((3, 3))
+            for q, tip, approach in zip(self._joints, self._tip, self._approach, strict=True):
+                forward(tool.frames, q, tip, turned)
+                approach[:] = turned[:, 2]
+        self._path, self._counts = [self._now()], [self._pressed.sum(1)]
+        self._ended = np.full(len(joints), -1)
+        self._free: dict[int, bool] = {}
+
+    def step(self, actions: Float[np.ndarray, "n 6"]) -> None:
+        """Let a control step pass in those that are going on."""
+        tool, given = self._tool, np.asarray(actions, dtype=float)
+        where = (self._places, self._normals, self._pressed, self._last, given, self.going)
+        if tool is None:
+            advance_ideal(self._command, self._direction, *where)
+        else:
+            advance_all(
+                tool.frames, tool.lower, tool.upper, tool.weight, self._joints, self._command, self._direction,
+                self._tip, self._approach, *where,
+            )  # fmt: skip
+        self._path.append(self._now())
+        self._counts.append(self._pressed.sum(1))
+        self.state[:, STATE["tool"]] = np.hstack([self._tip, self._approach])
+        self.state[:, STATE["commanded"]] = np.hstack([self._command, self._direction])
+        buttons = self.environment.reshape(len(self.state), BUTTONS, -1)
+        buttons[..., PRESSED] = self._pressed
+        buttons[..., LAST] = np.arange(BUTTONS) == self._last[:, None]
+        self._ended[self.going & (self._pressed.sum(1) >= 2)] = len(self._path) - 1
+
+    def _now(self) -> Float[np.ndarray, "n numbers"]:
+        """Tip, approach direction and joints."""
+        return np.hstack([self._tip, self._approach, self._joints])
+
+    @property
+    def going(self) -> Bool[np.ndarray, " n"]:
+        """Which have not pressed two buttons yet."""
+        return self._ended < 0
+
+    def lengths(self) -> Float[np.ndarray, " n"]:
+        """Steps until two were pressed; infinite for those that are still going."""
+        return np.where(self.going, np.inf, self._ended)
+
+    def _way(self, row: int) -> Float[np.ndarray, "steps numbers"]:
+        """What `_now` was from the beginning to the end."""
+        end = self._ended[row] if self._ended[row] >= 0 else len(self._path) - 1
+        return np.array([now[row] for now in self._path[: end + 1]])
+
+    def flange(self, row: int) -> tuple[Float[np.ndarray, "steps 3"], Float[np.ndarray, "steps 3"]]:
+        """Positions of the flange, in [m], and approach directions of a row, from the beginning to the end."""
+        way = self._way(row)
+        return way[:, :3] - ROD * way[:, 3:6], way[:, 3:6]
+
+    def is_free(self, row: int) -> bool:
+        """Whether the arm of a row touches nothing on its way but, with the rod, what it presses."""
+        if row not in self._free:
+            self._free[row] = self._twin is None or self._is_free(self._twin, row)
+        return self._free[row]
+
+    def achieved(self, row: int) -> tuple[int, int]:
+        """How many buttons are pressed in a row when its arm first touches what stops it, or at its end, and after how
+        many steps that is. The rod may touch any button, as in the environment."""
+        way, end = self._way(row), None
+        if self._twin is not None:
+            of_all = self._places[row], self._normals[row], way[:, 6:], tuple(range(BUTTONS)), self._obstacles
+            end = self._twin.first_touch(*of_all)
+        end = len(way) - 1 if end is None else end
+        return int(self._counts[end][row]), end
+
+    def _is_free(self, twin: KinematicTwin, row: int) -> bool:
+        pressed = tuple(np.flatnonzero(self._pressed[row]).tolist())
+        way = self._way(row)[:, 6:]
+        return not twin.touches(self._places[row], self._normals[row], way, pressed, self._obstacles)
