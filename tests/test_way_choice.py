@@ -1,13 +1,16 @@
 """The choice of the way: which ways there are, what the arm's twin can go of them, and what the policy then sees."""
 
+from dataclasses import replace
 from itertools import combinations, permutations
 
 import numpy as np
 import pytest
 import torch
+from scipy.stats import mannwhitneyu
 
 from envs.arm.place_arm import place_arm
-from envs.press_buttons.model import PressModel
+from envs.press_buttons.model import PressModel, _about
+from envs.press_buttons.motion import lead, move, press
 from envs.press_buttons.oracle import Oracle
 from envs.press_buttons.scene import draw_scene
 from envs.press_buttons.twin import KinematicTwin
@@ -16,6 +19,8 @@ from policies.directional_methods import PoseCost, ShuffledCost
 from policies.methods import METHODS
 from policies.setup import Setup
 from richmap.geometry.grid import Grid
+from richmap.maps.reachability_map import Construction, ReachabilityMap
+from richmap.motion.kinematics import flange_frames
 from richmap.similarity.directional import DirectionalCoverage
 from richmap.task_spaces.press_buttons import BUTTONS, PRESS_BUTTONS_SPACE, PRESSED, ROD
 
@@ -177,6 +182,85 @@ def test_a_goal_that_the_map_lacks_is_not_led_to(model):
     alike = guidance("way_by_map", 1.0, model, DirectionalCoverage(grid, whole, {}))
     alike.reset([1])
     assert open_buttons(shown(alike, seen(scene))) == tuple(range(BUTTONS))
+
+
+@pytest.fixture(scope="module")
+def ur10():
+    return place_arm("ur10", POSES)
+
+
+def map_about_ways(arm, scene):
+    """A map of configurations near to those with which the arm's twin goes all ways of a scene, whatever it touches."""
+    twin, rng, grid = KinematicTwin(arm), np.random.default_rng(0), Grid.around_base(0.05, 1.0, 0.2)
+    ways = [twin.path(scene.places, scene.normals, *pair) for pair in permutations(range(BUTTONS), 2)]
+    joints = np.concatenate([way for way in ways if way is not None])
+    joints = np.clip(np.repeat(joints, 40, 0) + rng.normal(0, 0.06, (40 * len(joints), 6)), *arm.limits())
+    positions, rotations = flange_frames(arm.description, joints)
+    settings = Construction(arm.robot, arm.description.fingerprint, 0.1, 0, 1, 1, 1.0, 0)
+    limits = np.array([arm.description.lower, arm.description.upper])
+    return ReachabilityMap.from_rows(grid, grid.cells_of(positions), rotations[:, :, 2], joints, limits, settings)
+
+
+def test_a_map_tells_the_ways_on_which_the_twin_touches_something(ur10):
+    twin, free, touching = KinematicTwin(ur10), [], []
+    for scene in map(draw_scene, range(50_000, 50_006)):
+        model = PressModel(ur10).by_map(map_about_ways(ur10, scene))
+        for way in model.ways(seen(scene)):
+            if way.in_order and twin.path(scene.places, scene.normals, *way.goals) is not None:
+                able = twin.can_press(scene.places, scene.normals, way.goals)
+                (free if able else touching).append(model.share(model.start(), seen(scene), way, 16))
+    assert min(len(free), len(touching)) > 10
+    assert mannwhitneyu(free, touching).statistic > 0.9 * len(free) * len(touching)
+
+
+def test_a_map_lacks_ways_through_an_obstacle_or_through_nothing(ur10):
+    """A cuboid about a button ends all ways to it, and only those; a map of nothing has no way, so that nothing is
+    hidden."""
+    scene, blocked = draw_scene(50_000), 2
+    obstacles = np.array([[*scene.places[blocked], 0.0]])
+    of_ways = map_about_ways(replace(ur10, obstacles=1), scene)
+    model = PressModel(replace(ur10, obstacles=1)).by_map(of_ways)
+    among = model.among(obstacles)
+    for way in model.ways(seen(scene)):
+        before, after = (each.share(each.start(), seen(scene), way, 8) for each in (model, among))
+        assert after == 0 if blocked in way.goals else after <= before
+    nothing = ReachabilityMap.from_rows(
+        of_ways.grid,
+        np.empty(0, dtype=int),
+        np.empty((0, 3)),
+        np.empty((0, 6)),
+        of_ways.limits,
+        of_ways.construction,
+    )
+    chosen = guidance("way_through_map", 8.0, PressModel(ur10), nothing)
+    chosen.reset([1])
+    assert open_buttons(shown(chosen, seen(scene))) == tuple(range(BUTTONS))
+
+
+def test_a_share_by_a_map_is_what_asking_pose_by_pose_gives(ur10):
+    scene = draw_scene(50_001)
+    of_ways, twin = map_about_ways(ur10, scene), KinematicTwin(ur10)
+    model = PressModel(ur10).by_map(of_ways)
+    environment, tool = seen(scene, 1), np.array([0.4, 0.1, 0.3, 0.0, 0.6, -0.8])
+    moved, leaning = _about(5)
+    for way in model.ways(environment):
+        (goal,) = way.goals
+        tip, approach, shares = tool[:3].copy(), tool[3:].copy(), []
+        for _ in range(200):
+            action = np.empty(6)
+            lead(tip, approach, scene.places, scene.normals, -1, goal, action)
+            move(tip, approach, action)
+            held = 0
+            for by, lean in zip(moved, leaning, strict=True):
+                direction = (approach + lean) / np.linalg.norm(approach + lean)
+                (row,), (angle,) = of_ways.nearest((tip - ROD * approach + by)[None], direction[None])
+                if row >= 0 and angle < 0.1:
+                    q = of_ways.configurations(np.array([row]))
+                    held += not twin.touches(scene.places, scene.normals, q, (1, goal))
+            shares.append(held / 5)
+            if press(tip, approach, scene.places, scene.normals, np.arange(BUTTONS) != goal) == goal:
+                break
+        assert model.share(tool, environment, way, 5) == min(shares)
 
 
 def test_a_shuffled_map_has_the_same_cells_in_other_places():
