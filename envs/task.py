@@ -110,9 +110,9 @@ class Task:
     """What methods imagine episodes with on an arm (`policies.episode_model.EpisodeModel`): no simulator."""
     controller: Callable[[Any], Any] | None = None
     """An arm's own controller, as methods ask it (`policies.arm_controller.ArmController`): no simulator."""
-    holding: Callable[[Any], Any] | None = None
+    holding: Callable[..., Any] | None = None
     """Where an arm can hold its tool among the obstacles of a scene, by their places, as methods ask it
-    (`policies.setup.Setup.among`): no simulator."""
+    (`policies.setup.Setup.among`), of the arm alone or also of the map of its branch: no simulator."""
     shows_pictures: bool = False
     """Whether `make` takes `picture`, so that policies that see pictures can be evaluated."""
     has_obstacles: bool = False

@@ -28,6 +28,7 @@ AT_ONE_HEIGHT = ("feasibility", "reach", "branch_reach")
 """Kinds of field of a tool that is held upright at one height."""
 SIMULATOR = "simulator (privileged)"
 """What no robot has: the episode itself, to try things in."""
+SHAPES = "shapes of the arm's links"
 MOST_SAMPLES = 32
 """Of methods that choose among samples: they do not collapse, but cost more and more."""
 
@@ -81,6 +82,10 @@ class Method:
         controller = ("arm's description",) if self.follows else ()
         obstacles = ("places of obstacles, if any",) if self.avoids else ()
         return (*FIELD_NEEDS.get(self.field or "", ()), *controller, *self.also_needs, *model, *obstacles)
+
+    def keeps_off(self, obstacles: int) -> bool:
+        """Whether it is told where the arm can hold its tool among so many obstacles (`policies.setup.Setup.among`)."""
+        return self.avoids and self.field in AT_ONE_HEIGHT and obstacles > 0
 
     def refusal(self, space: "TaskSpace") -> str:
         """Why it cannot act in a task, in words; empty if it can."""

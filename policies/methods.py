@@ -1,6 +1,6 @@
 """The methods of guidance, each declared once (`policies.method.Method`). This module is quick to import."""
 
-from policies.method import Method
+from policies.method import SHAPES, Method
 
 DIRECT = "direct"
 """What a scale of 0 is, whatever the method."""
@@ -189,6 +189,17 @@ METHODS = {
             task="block_push",
         ),
         Method(
+            name="reorder_through_map",
+            entry_point="policies.block_push.reorder:reorder_kept",
+            text="as reorder_kept, by the map of the arm's branch and the configurations that it keeps",
+            field="branch_reach",
+            scale=_PUSHED,
+            first=0.0025,
+            task="block_push",
+            avoids=True,
+            also_needs=(SHAPES,),
+        ),
+        Method(
             name="chunk_witness",
             entry_point="policies.directional_methods:pose_chunk",
             text="down the slope of directions that only the source has, along the chunk",
@@ -299,7 +310,7 @@ METHODS = {
             counts=True,
             imagines=True,
             avoids=True,
-            also_needs=("shapes of the arm's links",),
+            also_needs=(SHAPES,),
         ),
         Method(
             name="value_on_arm",
@@ -470,10 +481,11 @@ BY_TASK = {
     "plan_for_arm": {"block_push": "reorder_kept", "press_buttons": "way_on_arm"},
     "plan_from_maps": {"block_push": "reorder_by_map", "press_buttons": "way_by_map"},
     "plan_from_branch": {"block_push": "reorder_by_branch", "press_buttons": "way_by_branch"},
+    "plan_through_map": {"block_push": "reorder_through_map", "press_buttons": "way_through_map"},
 }
 """Rules that are another method in each task, by the task's name: `plan_for_arm` shows the policy only what its arm can
-do, `plan_from_maps` what the arm's map says that it can, `plan_from_branch` what the map of its branch says. Rows and
-chosen scales bear the method's own name."""
+do, `plan_from_maps` what the arm's map says that it can, `plan_from_branch` what the map of its branch says,
+`plan_through_map` what the configurations say that this keeps. Rows and chosen scales bear the method's own name."""
 
 
 def in_task(method: str, task: str) -> str:

@@ -21,8 +21,10 @@ from benchmark.settings.robot_config import ArmConfig
 from benchmark.settings.suite import suite_conditions
 from envs import BLOCK_PUSH, PRESS_BUTTONS
 from envs.arm.environment import ArmEnv
+from envs.arm.feasibility import followed
 from envs.arm.place_arm import place_arm
 from envs.block_push.arm import block_push_arm
+from envs.block_push.holding import held
 from envs.block_push.obstacles import draw_obstacles
 from envs.block_push.oracle import Oracle
 from envs.block_push.scene import draw_scene
@@ -35,6 +37,9 @@ from envs.press_buttons.task import PRESS_BUTTONS as PRESSING
 from envs.task import play_oracle
 from policies.setup import Setup
 from policies.way_choice import way_on_arm
+from richmap.geometry.grid import Grid
+from richmap.maps.reachability_map import Construction, ReachabilityMap
+from richmap.motion.kinematics import flange_frames
 
 AWAY = np.array([2.5, 2.5, 0.1, 0.0])
 
@@ -179,6 +184,33 @@ def test_what_an_arm_can_hold_among_obstacles_is_what_touches_none():
     near = np.linalg.norm(points[:, :2] - places[0, :2], axis=1) < 0.02
     assert (among[near] > 0).all() and (free[near] < 0).all()
     assert np.allclose(holding(away).value_and_gradient(points)[0], free)
+
+
+@pytest.mark.system
+def test_by_a_map_an_arm_can_hold_among_obstacles_what_its_kinematics_say():
+    """The map is of configurations near to those with which the arm holds its tool upright: it lacks none."""
+    arm, rng, grid = block_push_arm("ur10", obstacles=3), np.random.default_rng(0), Grid.around_base(0.05, 1.4, 0.2)
+    table = held(arm)
+    points = np.stack(np.meshgrid(table.x, table.y, indexing="ij"), -1).reshape(-1, 2)
+    upright = followed(arm, points, HEIGHT)[1][table.feasible.ravel()]
+    joints = np.repeat(upright, 50, 0) + rng.normal(0, 0.1, (50 * len(upright), 6))
+    positions, rotations = flange_frames(arm.description, joints)
+    settings = Construction(arm.robot, arm.description.fingerprint, 0.15, 0, 1, 1, 1.0, 0)
+    limits = np.array([arm.description.lower, arm.description.upper])
+    rows = grid.cells_of(positions), rotations[:, :, 2], joints
+    by_map = PUSHING.holding(arm, ReachabilityMap.from_rows(grid, *rows, limits, settings))
+    by_arm, at = PUSHING.holding(arm), np.column_stack([points, np.full(len(points), HEIGHT)])
+    some = np.array([[0.45, 0.1, 0.06, 0.3], [0.5, -0.25, 0.06, 1.0], [0.3, 0.3, 0.3, 0.0]])
+    (alone, mapped), (_, kinematic) = (
+        [each(places).value_and_gradient(at)[0] < 0 for places in (np.array([AWAY] * 3), some)]
+        for each in (by_map, by_arm)
+    )
+    both = alone & table.feasible.ravel()
+    assert both.sum() > 0.8 * table.feasible.sum()
+    lost = both & ~kinematic
+    assert lost.sum() > 0.1 * both.sum()
+    assert (lost & ~mapped).sum() > 0.95 * lost.sum()
+    assert (both & ~mapped).sum() < 1.6 * lost.sum()  # A margin about them is lost, too.
 
 
 @pytest.mark.system

@@ -12,7 +12,7 @@ from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.make_condition import make_condition
 from benchmark.settings.config import CLASS_IN_FILE, RunConfig
 from benchmark.settings.task import chosen_task
-from policies.methods import METHODS
+from policies.methods import DIRECT, METHODS
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -40,6 +40,14 @@ class Stage:
         return guidance_field(METHODS[c.method].field, self.arm, c.map, c.energy, c.workers, self.console)
 
     @cached_property
+    def in_branch(self) -> Path | None:
+        """The map by which the method keeps the arm off obstacles, if it does so by one; built like the field."""
+        c, method = self.config, METHODS[self.config.method]
+        if method.field != "branch_reach" or not method.keeps_off(self.arm.obstacles):
+            return None
+        return guidance_field("branch_map", self.arm, c.map, c.energy, c.workers, self.console)[1]
+
+    @cached_property
     def entry(self) -> Entry | None:
         """What a method that is a class in a file is run as."""
         c = self.config
@@ -51,9 +59,14 @@ class Stage:
 
         if scale and self.entry:
             return self.entry.at(scale).rollout(self.config, self.task, self.arm, self.checkpoint, self.console)
-        method, (field, file) = (self.config.method, self.field) if scale else ("direct", (None, None))
-        condition = make_condition(self.config, self.task, self.arm, method, scale, self.checkpoint, field)
-        return Rollout(self.task, self.arm, condition, self.checkpoint, file, kind=METHODS[method].field)
+        if not scale:
+            condition = make_condition(self.config, self.task, self.arm, DIRECT, scale, self.checkpoint, None)
+            return Rollout(self.task, self.arm, condition, self.checkpoint, None)
+        method, (field, file) = METHODS[self.config.method], self.field
+        condition = make_condition(self.config, self.task, self.arm, method.name, scale, self.checkpoint, field)
+        return Rollout(
+            self.task, self.arm, condition, self.checkpoint, file, kind=method.field, in_branch=self.in_branch
+        )
 
 
 def set_stage(config: RunConfig, checkpoint: Path, console: "Console") -> Stage:

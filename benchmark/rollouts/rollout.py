@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from policies.arm_controller import ArmController
     from policies.episode_model import EpisodeModel
     from policies.modeling_guided_push import GuidedPushPolicy
+    from richmap.similarity.signed_distance import SignedDistanceField
 
 
 STATE, ENVIRONMENT = "observation.state", "observation.environment_state"
@@ -49,6 +50,8 @@ class Rollout:
     """The class of a method that is not ours; None for ours, and for an entry that brings a policy alone."""
     kind: str | None = None
     """Of the field (`policies.method.Method.field`)."""
+    in_branch: Path | None = None
+    """The map by which obstacles are kept off; None if they are not, or by the arm itself."""
 
     @cached_property
     def camera(self) -> tuple[str, tuple[int, ...]] | None:
@@ -188,9 +191,7 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
         field = None if rollout.field is None else load_field(rollout.field)
         model = _model(rollout) if method.imagines else None
         controller = _controller(rollout) if method.follows else None
-        field_among = method.avoids and method.field == "feasibility" and rollout.arm.obstacles
-        holding = rollout.task.holding if field_among else None
-        among = None if holding is None else holding(rollout.arm)
+        among = _among(rollout) if method.keeps_off(rollout.arm.obstacles) else None
         policy.guidance = method.make(
             Setup(scale, field, config.guidance_base, config.guidance_seed, config.space, model, controller, among)
         )
@@ -203,6 +204,14 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
             config.space.action.width,
         )
     return policy.to(rollout.condition.device).eval()
+
+
+def _among(rollout: Rollout) -> "Callable[[np.ndarray], SignedDistanceField] | None":
+    """Where the arm can hold its tool among obstacles, by the map if there is one; None if the task does not say."""
+    from richmap.maps.reachability_map import ReachabilityMap
+
+    in_branch = None if rollout.in_branch is None else ReachabilityMap.load(rollout.in_branch)
+    return rollout.task.holding and rollout.task.holding(rollout.arm, in_branch)
 
 
 def _model(rollout: Rollout) -> "EpisodeModel":

@@ -65,13 +65,18 @@ class Among:
         points = np.stack(np.meshgrid(table.x, table.y, indexing="ij"), -1).reshape(-1, 2)
         self._table, self._held = table, np.flatnonzero(table.feasible)
         self._joints = followed(arm, points, HEIGHT)[1][self._held]
-        self._surroundings = Surroundings(arm, first_of(CUBOIDS, arm.obstacles), arm.tool_length, LEEWAY)
+        self._surroundings = surroundings(arm)
 
     def table(self, places: Places) -> TableFeasibility:
         """The same with obstacles there: not where a link or the tool would touch one."""
         cause = self._table.cause.copy()
         cause.ravel()[self._held[self._surroundings.is_near(places, self._joints)]] = Feasibility.OBSTACLE
         return replace(self._table, cause=cause)
+
+
+def surroundings(arm: PlacedArm) -> Surroundings:
+    """An arm among its obstacles, and what it does not come near to if it knows of them."""
+    return Surroundings(arm, first_of(CUBOIDS, arm.obstacles), arm.tool_length, LEEWAY)
 
 
 def followed_by_source(way: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n dof"]:

@@ -49,11 +49,11 @@ def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
     return lambda info: _acting_on_dict(AwareOracle(among.table(info["obstacles"]) if among else table, info["mode"]))
 
 
-def holding(arm: Any) -> Any:
-    """`envs.block_push.holding.HoldingAmong`."""
-    from envs.block_push.holding import holding_among
+def holding(arm: Any, in_branch: Any = None) -> Any:
+    """`envs.block_push.holding.HoldingAmong`, or `MappedAmong` by a map."""
+    from envs.block_push.holding import MappedAmong, holding_among
 
-    return holding_among(arm)
+    return holding_among(arm) if in_branch is None else MappedAmong(arm, in_branch)
 
 
 def controller(arm: Any) -> Any:
