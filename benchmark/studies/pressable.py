@@ -1,4 +1,5 @@
-"""Do maps tell which buttons an arm can press? Fields of similarity and coverage against the arm's kinematic twin.
+"""Do maps tell which buttons an arm can press? What they say, at the press and all along the way to it, against the
+arm's kinematic twin.
 
 python -m benchmark.studies.pressable
 """
@@ -17,10 +18,13 @@ if TYPE_CHECKING:
     import numpy as np
 
     from envs.arm.placed_arm import PlacedArm
+    from richmap.maps.reachability_map import ReachabilityMap
 
 FIELDS = ("energy", "witness", "coverage", "branch_coverage")
 """What is asked at the flange of each press: the paper's energy and the witness, of which less is better, and the
 coverage by the arm's map and by that of its branch."""
+ASKED = 16
+"""Poses that the map of the branch is asked about each one on the way, as `way_through_map` does it."""
 RESAMPLED = 2000
 
 
@@ -68,10 +72,9 @@ def main(config: PressableConfig) -> None:
         row["touching, of those not pressed"] = round(touching, 1)
         for kind in FIELDS:
             field, _ = guidance_field(kind, arm, MapConfig(), EnergyConfig(), config.workers, console)
-            seems = promise(field, points, directions).reshape(pressed.shape)
-            row[kind] = "-"  # Where all buttons are pressed or none is, no two can be compared.
-            if 0 < pressed.mean() < 1:
-                row[kind] = "{1:.2f} [{0:.2f}, {2:.2f}]".format(*better(seems, pressed))
+            row[kind] = said(promise(field, points, directions).reshape(pressed.shape), pressed)
+        in_branch, _ = guidance_field("branch_map", arm, MapConfig(), EnergyConfig(), config.workers, console)
+        row["branch, along the way"] = said(along_the_way(arm, in_branch, config.scenes), pressed)
         rows.append(row)
     table = pd.DataFrame(rows)
     with replacing(Path(config.output)) as path:
@@ -113,6 +116,29 @@ def promise(field: object, points: "np.ndarray", directions: "np.ndarray") -> "n
     if isinstance(field, EnergyField):
         return -field.value_and_gradient(points)[0]
     return -PoseCost(field).value_and_gradients(points, directions).value
+
+
+def along_the_way(arm: "PlacedArm", in_branch: "ReachabilityMap", scenes: int) -> "np.ndarray":
+    """Of the poses about the worst one on the expert's way from the start to each button the share that an arm can hold
+    by its map, touching nothing else, (scenes, buttons)."""
+    import numpy as np
+
+    from envs.press_buttons.model import PressModel
+    from envs.press_buttons.scene import draw_scene
+    from richmap.task_spaces.way import Way
+
+    model, found = PressModel(arm).by_map(in_branch), []
+    for scene in map(draw_scene, VALIDATION[:scenes]):
+        _, environment = model.opening(scene)
+        shown, at = np.zeros(len(environment), dtype=bool), zip(scene.places, -scene.normals, strict=True)
+        ways = [Way((i,), False, shown, *(each[None] for each in pose)) for i, pose in enumerate(at)]
+        found.append([model.share(model.start(), environment, way, ASKED) for way in ways])
+    return np.array(found)
+
+
+def said(seems: "np.ndarray", pressed: "np.ndarray") -> str:
+    """`better`, as the table has it; a dash where all buttons are pressed or none is, as no two can be compared."""
+    return "{1:.2f} [{0:.2f}, {2:.2f}]".format(*better(seems, pressed)) if 0 < pressed.mean() < 1 else "-"
 
 
 def better(seems: "np.ndarray", pressed: "np.ndarray") -> tuple[float, float, float]:
