@@ -301,6 +301,18 @@ METHODS = {
             also_needs=("arm's description",),
         ),
         Method(
+            name="way_on_arm_anew",
+            entry_point="policies.way_choice:way_on_arm_anew",
+            text="the same without commitment: the best way at each look",
+            field=None,
+            scale="number of the scripted expert's paths that are tried along each way, in each order",
+            first=1.0,
+            counts=True,
+            imagines=True,
+            avoids=True,
+            also_needs=("arm's description",),
+        ),
+        Method(
             name="way_through_map",
             entry_point="policies.way_choice:way_through_map",
             text="the one along which the map of the arm's branch has most, free of what stands there",

@@ -21,7 +21,7 @@ from richmap.task_spaces.way import Way
 EVERY = 10
 """Steps after which ways are judged again; they are also judged whenever the scene has changed."""
 WORSE = 0.5
-"""A way is left where its merit falls below this part of the best one's."""
+"""Of the best merit, below which a way is usually left."""
 NEAR = 0.06
 """So near to a goal, in [m], twice in a row when ways are judged, the tool stays before it."""
 TIRED = 0.3
@@ -57,7 +57,12 @@ class WayChoice(Guidance):
     Args:
         model: What knows the ways.
         measured: Where in the state the tool is.
+
+    Attributes:
+        worse: A way is left where its merit falls below this part of the best one's.
     """
+
+    worse = WORSE
 
     def __init__(self, model: EpisodeModel, measured: slice) -> None:
         self.model, self.measured = model, measured
@@ -107,7 +112,7 @@ class WayChoice(Guidance):
         merits = np.maximum(self.merits(row, scene, ways), LEAST) * tired
         if merits.min() == merits.max():
             return np.zeros(len(scene), dtype=bool)
-        good = np.flatnonzero(merits >= WORSE * merits.max())
+        good = np.flatnonzero(merits >= self.worse * merits.max())
         present = [i for i in good if np.array_equal(ways[i].shown, row.shown)]
         return ways[present[0] if present else int(merits.argmax())].shown
 
@@ -150,6 +155,13 @@ class WayOfAny(WayChoice):
 def way_on_arm(given: Setup) -> WayOnArm:
     """The way of which the arm's kinematic twin can go most."""
     return WayOnArm(*_known(given), int(given.scale))
+
+
+def way_on_arm_anew(given: Setup) -> WayOnArm:
+    """A control: the same without commitment, as a way is left where another one has more merit."""
+    chosen = way_on_arm(given)
+    chosen.worse = 1.0
+    return chosen
 
 
 def way_through_map(given: Setup) -> WayOnArm:
