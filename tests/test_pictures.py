@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmark import build_maps
+from benchmark.artifacts import maps
 from benchmark.map_quality import pictures
 from benchmark.map_quality.pictures import PicturesConfig
 from benchmark.settings.robot_config import RobotConfig
@@ -22,7 +22,7 @@ def coarse_map(sampled_map):
 
 @pytest.fixture
 def from_coarse_maps(coarse_map, monkeypatch):
-    monkeypatch.setattr(build_maps, "robot_map", lambda robot, *_: coarse_map(robot.name))
+    monkeypatch.setattr(maps, "robot_map", lambda robot, *_: coarse_map(robot.name))
 
 
 def test_every_picture_is_written(from_coarse_maps, tmp_path):

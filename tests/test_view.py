@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from benchmark import build_maps
+from benchmark.artifacts import maps
 from benchmark.map_quality import view
 from benchmark.map_quality.view import ViewConfig
 from benchmark.settings.command import SettingError
@@ -35,7 +35,7 @@ def scene_of_page(file):
 
 @pytest.mark.parametrize("colour", ["coverage", "mmd"])
 def test_a_page_is_written_without_a_screen(colour, coarse_map, monkeypatch, tmp_path):
-    monkeypatch.setattr(build_maps, "robot_map", lambda robot, *_: coarse_map(robot.name))
+    monkeypatch.setattr(maps, "robot_map", lambda robot, *_: coarse_map(robot.name))
     monkeypatch.setattr(view.webbrowser, "open", lambda url: pytest.fail("opens a browser"))
     file = tmp_path / "view.html"
     view.main(ViewConfig(robot=RobotConfig("ur3"), colour=colour, save=str(file)))
