@@ -19,6 +19,7 @@ from benchmark.settings.config import CLASS_IN_FILE, LimitsConfig, RunConfig
 from benchmark.settings.replay_config import ReplayConfig
 from benchmark.settings.robot_config import ArmConfig, RobotConfig
 from benchmark.settings.task import chosen_task
+from policies.method import AT_ONE_HEIGHT
 from policies.methods import METHODS
 
 if TYPE_CHECKING:
@@ -166,7 +167,8 @@ def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> 
         config: Settings of the field, but for the size of its cells.
         guided: Whether the policy is of our type, whose sampler is set.
     """
-    of_maps = row["method"] in METHODS and METHODS[row["method"]].field in MAPS
+    kind = METHODS[row["method"]].field if row["method"] in METHODS else None
+    of_map_s_cells = kind in MAPS and kind not in AT_ONE_HEIGHT  # Those have cells of their own.
     arm = ArmConfig(**choices_of(row))
     ours = {}
     if row["method"] in METHODS:
@@ -180,7 +182,7 @@ def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> 
         batch_size=row["batch_size"],
         device=row["device"],
         workers=config.workers,
-        map=replace(config.map, cell_size=row["cell_size"]) if of_maps else config.map,
+        map=replace(config.map, cell_size=row["cell_size"]) if of_map_s_cells else config.map,
         energy=config.energy,
         **ours,
         **sampler,
