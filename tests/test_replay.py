@@ -183,6 +183,15 @@ def test_the_settings_of_a_field_are_found_beside_the_rows(tmp_path):
         replay.row_rollout(row, ReplayConfig(table=str(tmp_path)), Console(quiet=True))
 
 
+@pytest.mark.parametrize("method", ["reorder_by_map", "reorder_by_branch", "reorder_through_map"])
+def test_a_field_with_cells_of_its_own_is_made_of_the_maps_that_it_was_made_of(method):
+    """A row's cell size is the field's; that of the maps is among the settings."""
+    coarse = MapConfig(cell_size=0.2, theta=0.3, draw=200, turns=16, stop_rate=0.2)
+    config = dataclasses.replace(CONFIG, robot=RobotConfig("ur3"), method=method, map=coarse)
+    row = make_rollout(config, 0.02, checkpoint_folder(42), Console(quiet=True)).condition.row()
+    assert row_settings(row, ReplayConfig(map=coarse), guided=True).map == coarse
+
+
 def test_the_settings_of_a_row_are_those_that_made_it():
     config = dataclasses.replace(CONFIG, robot=RobotConfig("ur3"), setting="best", sampler="DDPM", sampling_steps=7)
     condition = make_rollout(config, 0.01, checkpoint_folder(42), Console(quiet=True)).condition
