@@ -1,6 +1,7 @@
 """The door of every command: overrides, Hydra's flags, and one line for what is wrong."""
 
 import os
+import signal
 import subprocess
 import sys
 from concurrent.futures.process import BrokenProcessPool
@@ -116,9 +117,19 @@ def test_nothing_heavy_is_imported_before():
     assert not {"torch", "lerobot", "mujoco", "robosuite"} & imported
 
 
+IN_COMPILED_CODE = SystemError("returned a result with an exception set")
+IN_COMPILED_CODE.__cause__ = KeyboardInterrupt()
+
+
 @pytest.mark.parametrize("goes_on", [True, False])
 @pytest.mark.parametrize(
-    "error, status", [(OSError(28, "No space left", "/x/a"), 1), (KeyboardInterrupt(), 130), (BrokenProcessPool(), 1)]
+    "error, status",
+    [
+        (OSError(28, "No space left", "/x/a"), 1),
+        (KeyboardInterrupt(), 130),
+        (IN_COMPILED_CODE, 130),
+        (BrokenProcessPool(), 1),
+    ],
 )
 def test_only_a_command_that_stores_says_that_what_was_finished_is_stored(give, error, status, goes_on):
     def fail(_):
@@ -127,6 +138,28 @@ def test_only_a_command_that_stores_says_that_what_was_finished_is_stored(give, 
     ended = give(fail, ReplayConfig, "replay", goes_on=goes_on)
     assert ended.status == status and len(ended.errors) == 1
     assert ("What was finished is stored" in ended.errors[0]) == goes_on
+
+
+SWALLOWS = """
+import os, sys, time
+from benchmark.settings import command
+from benchmark.settings.replay_config import ReplayConfig
+
+def main(_):
+    try:
+        os.kill(os.getpid(), int(number))
+    except BaseException:  # As trimesh does as it imports what it can do without.
+        time.sleep(60)
+
+number, command.AGAIN = sys.argv.pop(), 0.1
+command.run_command(main, ReplayConfig, "replay")
+"""
+
+
+@pytest.mark.parametrize("number, status", [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_that_a_library_swallows_ends_a_command_all_the_same(number, status):
+    ended = subprocess.run([sys.executable, "-c", SWALLOWS, str(int(number))], cwd=ROOT, capture_output=True, text=True)
+    assert (ended.returncode, ended.stderr) == (status, "Interrupted.\n")
 
 
 def test_a_cache_that_cannot_be_written_to_is_said_how_to_replace(give, monkeypatch):

@@ -44,6 +44,8 @@ complete -o nospace -o default -F _complete_benchmark python python3"""
 
 OTHER_CACHE = "Choose another folder for the cache: XDG_CACHE_HOME=/some/folder before the command."
 GONE_ON = "What was finished is stored; the same command goes on from there."
+AGAIN = 5.0
+"""After how long what ends a command is raised again, in [s]."""
 
 
 def run_command[Config](
@@ -70,7 +72,8 @@ def run_command[Config](
         goes_on: Whether it stores what it finishes, and goes on from there when it is called again.
     """
     gone_on = [GONE_ON] * goes_on
-    signal.signal(signal.SIGTERM, _terminate)
+    signal.signal(signal.SIGINT, _raising(KeyboardInterrupt))
+    signal.signal(signal.SIGTERM, _raising(_Terminated))
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises instead of printing.
     spec = sys.modules["__main__"].__spec__
     module = spec.name if spec and main.__module__ == "__main__" else f"benchmark.{name}"
@@ -112,12 +115,12 @@ def run_command[Config](
             raise
         in_cache = Path(str(error.filename)).is_relative_to(platformdirs.user_cache_path())
         _end(1, f"error: {error.strerror}: {error.filename}.", *[OTHER_CACHE] * in_cache, *gone_on)
-    except SystemError as error:  # Compiled code that a signal interrupts raises this.
-        if not isinstance(error.__cause__, KeyboardInterrupt):
+    except (KeyboardInterrupt, SystemError) as error:
+        stop = error.__cause__ if isinstance(error, SystemError) else error  # Compiled code raises one from the other.
+        if not isinstance(stop, KeyboardInterrupt):
             raise
-        _end(130, "Interrupted.", *gone_on)
-    except KeyboardInterrupt as error:
-        _end(143 if isinstance(error, _Terminated) else 130, "Interrupted.", *gone_on)
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        _end(143 if isinstance(stop, _Terminated) else 130, "Interrupted.", *gone_on)
 
 
 def _run[Config](
@@ -137,8 +140,9 @@ def _run[Config](
     try:
         hydra.main(version_base="1.3", config_path=files_of(name), config_name=name)(enter)()
     except _Raised as raised:
-        assert raised.__cause__
-        raise raised.__cause__ from None
+        error = raised.__cause__
+        assert error
+        raise error from error.__cause__
     except HydraException:
         raise
     except OSError as error:
@@ -153,8 +157,16 @@ class _Terminated(KeyboardInterrupt):
     """By SIGTERM, which ends a command and its workers as Ctrl-C does."""
 
 
-def _terminate(*_: object) -> NoReturn:
-    raise _Terminated
+def _raising(stop: type[KeyboardInterrupt]) -> Callable[..., NoReturn]:
+    """A signal's handler that raises this, and again every few seconds until the command ends: a library that catches
+    everything as it is imported, such as trimesh, loses it."""
+
+    def handle(*_: object) -> NoReturn:
+        signal.signal(signal.SIGALRM, handle)
+        signal.setitimer(signal.ITIMER_REAL, AGAIN)
+        raise stop
+
+    return handle
 
 
 def _completes(flags: list[str]) -> bool:
