@@ -115,9 +115,9 @@ def run_command[Config](
             raise
         in_cache = Path(str(error.filename)).is_relative_to(platformdirs.user_cache_path())
         _end(1, f"error: {error.strerror}: {error.filename}.", *[OTHER_CACHE] * in_cache, *gone_on)
-    except (KeyboardInterrupt, SystemError) as error:
-        stop = error.__cause__ if isinstance(error, SystemError) else error  # Compiled code raises one from the other.
-        if not isinstance(stop, KeyboardInterrupt):
+    except BaseException as error:
+        stop = _interruption(error)
+        if stop is None:
             raise
         signal.setitimer(signal.ITIMER_REAL, 0)
         _end(143 if isinstance(stop, _Terminated) else 130, "Interrupted.", *gone_on)
@@ -155,6 +155,13 @@ class _Raised(BaseException):
 
 class _Terminated(KeyboardInterrupt):
     """By SIGTERM, which ends a command and its workers as Ctrl-C does."""
+
+
+def _interruption(error: BaseException | None) -> KeyboardInterrupt | None:
+    """What interrupted a command; compiled code that it comes to raises another error from it."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__
+    return error
 
 
 def _raising(stop: type[KeyboardInterrupt]) -> Callable[..., NoReturn]:
