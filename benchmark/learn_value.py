@@ -10,9 +10,10 @@ from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.config import RunConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.recipe import USUAL, check_recipe
-from benchmark.settings.robot_config import SETTINGS, ArmConfig, RobotConfig, robot_field
+from benchmark.settings.robot_config import ArmConfig, RobotConfig, robot_field
 from benchmark.settings.scenes import IMAGINED
 from benchmark.settings.task import chosen_task
+from richmap.robots import SETTINGS
 
 
 @dataclass

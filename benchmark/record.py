@@ -59,8 +59,8 @@ def main(config: RecordConfig) -> None:
         _draw_rows(config, console)
     else:
         from benchmark.artifacts.known_policies import chosen_checkpoint
+        from benchmark.rollouts.chosen_players import rollouts_of
         from benchmark.rollouts.make_rollout import set_stage
-        from benchmark.sweeps.chosen_players import rollouts_of
 
         rollout = rollouts_of([set_stage(config, chosen_checkpoint(config), console)])[-1]
         for seed in range(config.seed_start, config.seed_start + config.episodes):

@@ -99,7 +99,7 @@ def again(row: Mapping[str, Any], config: ReplayConfig, console: "Console") -> "
 def row_oracle(row: Mapping[str, Any], config: ReplayConfig) -> "ArmOracle":
     """The scripted oracle of a row."""
     from benchmark.episodes.arm import chosen_arm
-    from benchmark.sweeps.chosen_players import oracle_of
+    from benchmark.rollouts.chosen_players import oracle_of
 
     task = chosen_task(config.task)
     check_version(row, task)

@@ -19,15 +19,15 @@ from policies.methods import DIRECT
 
 
 def main(config: RunConfig) -> None:
-    """Roll out at lambda and at 0 on the same episodes, store every episode, and print the comparison."""
+    """Roll out with guidance, if any is named, and without on the same episodes, store every episode, and compare."""
     import pandas as pd
     from rich.console import Console
 
+    from benchmark.rollouts.chosen_players import chosen_players
     from benchmark.rollouts.missing_episodes import play_and_store
     from benchmark.scoring.ceiling import ceilings_file, read_ceilings
     from benchmark.scoring.report import print_report
     from benchmark.scoring.suite_table import show_suite
-    from benchmark.sweeps.chosen_players import chosen_players
     from benchmark.sweeps.experiment_log import log_run, log_standing
 
     console = Console()

@@ -3,11 +3,31 @@
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from multiprocessing.context import SpawnContext, SpawnProcess
+from types import ModuleType
 from typing import Any
+
+
+class _Worker(SpawnProcess):
+    """A process that does not run the script again which starts it, as spawned ones do where nothing in the script
+    tells them not to."""
+
+    def start(self) -> None:
+        script = sys.modules["__main__"]
+        sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            super().start()
+        finally:
+            sys.modules["__main__"] = script
+
+
+class _Workers(SpawnContext):
+    Process = _Worker
 
 
 @contextmanager
@@ -16,7 +36,8 @@ def worker_pool(
 ) -> Iterator[ProcessPoolExecutor]:
     """Worker processes that an error, Ctrl-C or SIGTERM in the block ends at once, and that end with this process.
 
-    One that is killed raises `BrokenProcessPool` in the block.
+    One that is killed raises `BrokenProcessPool` in the block. What they are given comes from modules, not from the
+    script that is run.
 
     Args:
         workers: How many.
@@ -26,8 +47,7 @@ def worker_pool(
     if multiprocessing.get_start_method(allow_none=True) == "loky":  # In a process of joblib's.
         multiprocessing.set_start_method("spawn", force=True)  # Its children would look for that method, and lack it.
     others = {child.pid for child in multiprocessing.active_children()}
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, initializer or start_worker, arguments) as pool:
+    with ProcessPoolExecutor(workers, _Workers(), initializer or start_worker, arguments) as pool:
         try:
             yield pool
         except BaseException:

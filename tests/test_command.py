@@ -199,7 +199,16 @@ def test_a_number_is_a_number(give):
 def test_help_lists_every_setting_with_unit_and_the_default_that_acts(give):
     ended = give(run.main, RunConfig, "run", "--help")
     assert ended.status == 0 and not ended.errors
-    for shown in ("robot=ur3", "lambda=0.0", "seed=42", "setting=embodied", "device=auto", "in m", "1/m", "paper: The"):
+    for shown in (
+        "robot=ur3",
+        "lambda=null",
+        "seed=42",
+        "setting=embodied",
+        "device=auto",
+        "in m",
+        "1/m",
+        "paper: The",
+    ):
         assert shown in ended.output
     assert max(map(len, ended.output.splitlines())) < 80
     assert "episodes=7\n" in give(run.main, RunConfig, "run", "--help", "episodes=7").output
@@ -213,18 +222,18 @@ def test_whoever_reads_the_first_lines_of_help_ends_it_quietly():
 
 
 def test_hydra_s_flags_work(give, tmp_path):
-    assert "lambda: 0.0" in give(run.main, RunConfig, "run", "--cfg", "job").output
+    assert "lambda: null" in give(run.main, RunConfig, "run", "--cfg", "job").output
     assert "output_dir: results/transfer/robust/ur3-original" in (
         give(run.main, RunConfig, "run", "--cfg", "job", "--resolve", "experiment=transfer").output
     )
     assert "robot/ur3" in give(run.main, RunConfig, "run", "--info", "defaults").output
     (tmp_path / "experiment").mkdir()
-    (tmp_path / "experiment" / "mine.yaml").write_text("# @package _global_\nepisodes: 3\n")
+    (tmp_path / "experiment" / "mine.yaml").write_text("# @package _global_\nepisodes: 3\nrobot: ur5\n")
     (tmp_path / "other.yaml").write_text("defaults: [run, _self_]\nbatch_size: 4\n")
     shown = []
     assert give(shown.append, RunConfig, "run", "--config-dir", str(tmp_path), "experiment=mine").status == 0
     assert give(shown.append, RunConfig, "run", f"--config-dir={tmp_path}", "--config-name=other").status == 0
-    assert (shown[0].episodes, shown[1].batch_size) == (3, 4)
+    assert (shown[0].episodes, shown[0].robot.name, shown[1].batch_size) == (3, "ur5", 4)
 
 
 def test_a_shell_completes_settings_and_choices(give, monkeypatch):

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.system
 
 IMPORTED = [
     "benchmark.rollouts.stock_policy", "benchmark.rollouts.missing_episodes", "benchmark.rollouts.rollout",
-    "benchmark.scoring.report", "benchmark.scoring.own_results", "benchmark.sweeps.chosen_players",
+    "benchmark.scoring.report", "benchmark.scoring.own_results", "benchmark.rollouts.chosen_players",
     "benchmark.sweeps.experiment_log", "tests.reach_point", "tests.modeling_two_layer",
 ]  # fmt: skip
 EPISODES, SLOTS = 80, 2

@@ -78,6 +78,10 @@ def test_somebodys_arm_is_a_file_beside_its_model(tmp_path):
         ("{file: a.urdf, base: foot}", "It says file, base and end_effector"),
         ("{file: a.urdf, base: foot, end_effector: tip, colour: red}", "may say approach, as_given, base, branches"),
         ("{file: a, base: b, end_effector: c, settings: {best: {branch: up}}}", "in branch 'up'"),
+        (
+            "{file: a, base: b, end_effector: c, settings: {embodyed: {branch: up}}}",
+            "no setting 'embodyed'. Settings: ",
+        ),
         ("[file", "mine.yaml is no arm's file"),
         ("{file: a, base: b, end_effector: c, branches: {up: {pose: [0]}}}", "posture"),
     ],

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from benchmark import show
 from benchmark.episodes.arm import arm_columns
+from benchmark.rollouts.chosen_players import chosen_players
 from benchmark.scoring.ceiling import Ceiling, ceiling, cross_validated, read_ceilings, save_ceilings
 from benchmark.scoring.statistics import Crossed, clustered_ratio
 from benchmark.scoring.suite_ranking import (
@@ -28,7 +29,6 @@ from benchmark.settings.setting import SettingError
 from benchmark.settings.suite import SUITES, suite_conditions, suite_scenes
 from benchmark.studies.ceilings import CeilingsConfig
 from benchmark.studies.suite_candidates import verdict
-from benchmark.sweeps.chosen_players import chosen_players
 from envs.block_push.arm import block_push_arm
 from tests.made_up_episodes import CONDITION, episode
 

@@ -22,12 +22,12 @@ from rich.console import Console
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.artifacts.maps import energy_field
 from benchmark.episodes.table import read_episodes
+from benchmark.rollouts.chosen_players import chosen_players
 from benchmark.settings import command
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.robot_config import RobotConfig
-from benchmark.sweeps.chosen_players import chosen_players
 from benchmark.sweeps.job import guides_source, job_name
 from benchmark.sweeps.sweep import count_jobs
 from richmap.robots.robots import load_robot

@@ -10,7 +10,9 @@ ROOT = Path(__file__).parents[2]
 @cache
 def commit() -> str:
     """Git commit of this tree, when this process first asked, with + if tracked files other than results differ from
-    it; empty outside a checkout."""
+    it; empty outside a checkout of its own."""
+    if not (ROOT / ".git").exists():  # What is installed may lie within a checkout of something else.
+        return ""
 
     def git(*arguments: str) -> str:
         return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()

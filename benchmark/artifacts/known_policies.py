@@ -9,6 +9,7 @@ from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig
 from benchmark.settings.recipe import RECIPES, USUAL, policy_name
+from benchmark.settings.task import chosen_task
 
 RESULTS = Path(__file__).parents[2] / "results"
 """What is published."""
@@ -43,7 +44,7 @@ def chosen_checkpoint(config: RunConfig) -> Path:
     if not config.policy:
         return checkpoint_folder(config.seed, config.checkpoint, config.recipe, config.task)
     checkpoint = Checkpoint.from_path(config.policy)
-    if checkpoint.type != GUIDED and config.guidance_scale != 0 and config.method != "direct":
+    if checkpoint.type != GUIDED and config.guidance_scale != 0:
         scale = "null" if config.guidance_scale is None else f"{config.guidance_scale:g}"
         raise SettingError(
             f"lambda={scale} needs a policy of type {GUIDED}, whose sampling can be guided. "
@@ -97,6 +98,11 @@ def checkpoint_folder(seed: int, rank: int = 1, recipe: str = USUAL, task: str =
     none = "none (those that ship lie in the project's own folder: type the command there)"
     why = ": its rows are published, but of each seed only the best policy ships" if name in published(task) else ""
     command = "" if task == RunConfig.task else f"task={task} "
+    if not chosen_task(task).demonstrator:
+        raise SettingError(
+            f"task={task} has no policy here, and nothing to learn one from. Name one: policy=path/to/checkpoint, or "
+            "play without any: method=plain_oracle."
+        )
     raise SettingError(
         f"{command}recipe={recipe} seed={seed} checkpoint={rank} is not there{why}. Here: "
         f"{', '.join(sorted(there)) or none}. Train it (hours): python -m benchmark.source_policies {command}"

@@ -103,6 +103,9 @@ TOLD = ("reset", "meet")
 PLACES = ("imagine", "push", "descent", "choose", "correct")
 """Where it can act."""
 
+OURS = ("noise", "weight", "settle", "settles", "repeats", "looks_at_noise")
+"""What methods of ours have besides."""
+
 
 def _raised(error: BaseException) -> str:
     return f"raised {type(error).__name__}: {error}".removesuffix(": ")
@@ -133,11 +136,13 @@ def _check_places(theirs: "Guidance", where: str) -> None:
         if not asked and getattr(type(theirs), name) is not getattr(Guidance, name):
             raise SettingError(f"{where}.{name} would never be asked. Give the class {way_out}.")
 
-    if type(theirs).noise is not Guidance.noise:
-        raise SettingError(
-            f"{where}.noise would never be asked: the process that runs a class of a file has no policy at hand. "
-            f"Places to act: {', '.join(PLACES)}."
-        )
+    for name in OURS:
+        if getattr(type(theirs), name) is not getattr(Guidance, name):
+            raise SettingError(
+                f"{where}.{name} would never be asked: a class of a file runs in a process of its own, and is asked "
+                f"once a chunk or a denoising step. Places to act: {', '.join(PLACES)}. A method that is declared in "
+                "policies/methods.py has more: see docs/add-method.md."
+            )
 
 
 def _checked(theirs: "Guidance", where: str, width: int) -> "Guidance":

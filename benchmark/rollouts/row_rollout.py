@@ -172,7 +172,7 @@ def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> 
     arm = ArmConfig(**choices_of(row))
     ours = {}
     if row["method"] in METHODS:
-        ours = {"method": "paper" if row["method"] == "direct" else row["method"], "guidance_scale": row["lambda"]}
+        ours = {"method": row["method"], "guidance_scale": row["lambda"]}
     sampler = {"sampler": row["sampler"], "sampling_steps": row["sampling_steps"]} if guided else {}
     return RunConfig(
         task=config.task,

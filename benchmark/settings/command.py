@@ -145,6 +145,8 @@ def _run[Config](
         raise error from error.__cause__
     except HydraException:
         raise
+    except ValueError as error:  # Of flags that do not go together; one of `main` is `_Raised`.
+        raise SettingError(str(error)) from error
     except OSError as error:
         raise SettingError(f"hydra.run.dir or hydra.sweep.dir: {error.strerror}: {error.filename}.") from error
 

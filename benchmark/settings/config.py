@@ -12,12 +12,12 @@ from benchmark.settings.limits import memory
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.recipe import USUAL, check_recipe
-from benchmark.settings.robot_config import SETTINGS, ArmConfig, RobotConfig, robot_field
+from benchmark.settings.robot_config import ArmConfig, RobotConfig, robot_field
 from benchmark.settings.scenes import VALIDATION, check_scenes
 from benchmark.settings.setting import SettingError, check_setting
 from benchmark.settings.task import chosen_task
 from policies.methods import BY_TASK, DIRECT, GUIDED, METHODS, in_task, said_of_each
-from richmap.robots import ROBOTS
+from richmap.robots import ROBOTS, SETTINGS
 
 if TYPE_CHECKING:
     from envs.task import Task
@@ -120,13 +120,14 @@ class RunConfig:
     task: str = "block_push"
     """What is to be done: block_push, press_buttons, or a task of your own as module:NAME (an `envs.task.Task`; its
     code is run)."""
-    guidance_scale: float | None = field(default=0.0, metadata={"more": said_of_each("scale")})
+    guidance_scale: float | None = field(default=None, metadata={"more": said_of_each("scale")})
     """Scale of the method, any number >= 0; 0 is direct transfer, null the one that benchmark.choose_scales
     chose for this method and task, on validation episodes of all conditions of a suite; of a class in a file, its
     default_scale."""
-    method: str = field(default="paper", metadata={"more": said_of_each("text")})
+    method: str = field(default="", metadata={"more": said_of_each("text")})
     """Guidance, or direct for none, or a subclass of policies.guidance.Guidance in a file, as in path/to/mine.py:Mine
-    (its code is run, in a process of its own); or plain_oracle or aware_oracle, scripted ones in place of a policy."""
+    (its code is run, in a process of its own); or plain_oracle or aware_oracle, scripted ones in place of a policy.
+    Empty: paper if lambda is given, otherwise direct."""
     suite: str = ""
     """Conditions on all of which the method is rolled out, at its chosen scale, in place of robot, setting and arm:
     quick (five conditions and one policy, for a first look), all-v1 (twenty conditions of both tasks), full (these on
@@ -181,6 +182,9 @@ class RunConfig:
     limits: LimitsConfig = field(default_factory=LimitsConfig)
 
     def __post_init__(self) -> None:
+        self.method = self.method or ("paper" if self.guidance_scale else DIRECT)
+        if self.guidance_scale is None and self.method in (DIRECT, *ORACLE_METHODS.values()):
+            self.guidance_scale = 0.0
         scale = self.guidance_scale
         self.conditions = {name: replace(each, task=each.task or self.task) for name, each in self.conditions.items()}
         tasks = [chosen_task(name) for name in self.tasks]
@@ -189,7 +193,7 @@ class RunConfig:
         check_setting(bool(self.conditions) or not self.suite, "suite", self.suite, "a file of conf/suite")
         if scale is not None:
             check_setting(math.isfinite(scale) and scale >= 0, "lambda", scale, "any number >= 0, or null")
-            guided = self.method not in ("direct", *ORACLE_METHODS.values())
+            guided = self.method not in (DIRECT, *ORACLE_METHODS.values())
             check_setting(scale == 0 or guided, "lambda", scale, f"0 with method={self.method}")
         if scale is not None and self.method in METHODS and METHODS[self.method].counts:
             check_setting(scale == int(scale), "lambda", scale, f"a whole number of samples with method={self.method}")

@@ -8,7 +8,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from benchmark.settings.limits import check_limits
-from benchmark.settings.setting import PYTHON_NAME, TYPED_NAME, SettingError, settings_of, short
+from benchmark.settings.setting import PYTHON_NAME, TYPED_NAME, SettingError, choices_of, settings_of, short
 
 MOST = sys.float_info.max
 
@@ -21,6 +21,9 @@ def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
     """
     try:
         values = {PYTHON_NAME.get(str(key), str(key)): value for key, value in config.items()}
+        for key in choices_of(schema):
+            if isinstance(name := values.get(key), str):  # As files say it that are composed with the others.
+                values[key] = {"name": name}
         merged = OmegaConf.merge(OmegaConf.structured(schema), values)
         plain: Any = OmegaConf.to_container(merged, resolve=True)
         check_limits(_flat(plain), settings_of(schema))

@@ -25,10 +25,10 @@ from benchmark.scoring.eval_info import read_eval_info
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.config import RunConfig
 from benchmark.settings.paths import check_folder
-from benchmark.settings.robot_config import SETTINGS, RobotConfig, robot_field
+from benchmark.settings.robot_config import RobotConfig, robot_field
 from benchmark.settings.scenes import check_scenes
 from richmap.outputs import replacing
-from richmap.robots import ROBOTS
+from richmap.robots import ROBOTS, SETTINGS
 
 if TYPE_CHECKING:
     import pandas as pd

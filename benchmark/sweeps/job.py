@@ -20,12 +20,13 @@ from typing import TYPE_CHECKING
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from benchmark.settings.config import RunConfig
+from benchmark.settings.config import ORACLE_METHODS, RunConfig
 from benchmark.settings.recipe import policy_name
 from benchmark.settings.robot_config import SOURCE
 from benchmark.settings.setting import SettingError
 from benchmark.settings.task import chosen_task
 from benchmark.settings.typed import typed
+from policies.methods import DIRECT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -89,8 +90,8 @@ def _rolled_out(job: RunConfig, workers: int, sweep: Path) -> "pd.DataFrame":
     import pandas as pd
     from rich.console import Console
 
+    from benchmark.rollouts.chosen_players import chosen_players
     from benchmark.rollouts.missing_episodes import play_and_store
-    from benchmark.sweeps.chosen_players import chosen_players
     from benchmark.sweeps.experiment_log import log_evaluation, log_field
 
     console = Console(force_terminal=False)  # Jobs share the terminal.
@@ -128,21 +129,19 @@ def _write(sweep: Path, number: int, record: JobRecord, rows: "pd.DataFrame | No
 
 def guides_source(config: RunConfig) -> bool:
     """Whether a job would guide the source arm, which a table of transfer has without guidance only."""
-    return (
-        not config.conditions
-        and config.robot.name == SOURCE
-        and config.method != "direct"
-        and config.guidance_scale != 0
-    )
+    return not config.conditions and config.robot.name == SOURCE and config.guidance_scale != 0
 
 
 def job_name(config: RunConfig) -> str:
     """What a job is called."""
     scale = "at the chosen scale" if config.guidance_scale is None else f"{config.guidance_scale:g}"
+    unscaled = config.method in (DIRECT, *ORACLE_METHODS.values())
+    method = config.method if unscaled else f"{config.method} {scale}"
     if config.conditions:
-        return f"{config.suite}, {config.method} {scale}"
+        return f"{config.suite}, {method}"
     policy = Path(config.policy).name or policy_name(config.recipe, config.seed, config.checkpoint)
-    return f"{config.robot.name}, {config.setting}, {config.method} {scale}, {policy}"
+    acting = [] if config.method in ORACLE_METHODS.values() else [policy]
+    return ", ".join([config.robot.name, config.setting, method, *acting])
 
 
 @cache

@@ -58,7 +58,7 @@ def best_posture(arm: PlacedArm, poses: TaskPoses) -> Float[np.ndarray, " dof"]:
     if len(postures) == 0:
         raise ValueError(
             f"{arm.robot} with its base at {arm.base} m can hold the tool upright over the start {poses.start[:2]} m "
-            "in none of its postures. Choose another base."
+            "in none of its postures. Choose another base, by arm.base=[x,y,z] (in m) and arm.yaw (in rad)."
         )
     shares = np.array([share_done(replace(arm, posture=tuple(posture)), poses) for posture in postures])
     alike = np.flatnonzero(shares >= shares.max() - AS_GOOD)

@@ -5,3 +5,5 @@ from pathlib import Path
 _FOLDER = Path(__file__).parent
 ROBOTS = tuple(sorted(file.stem for file in _FOLDER.glob("*.yaml")))
 """Names of the arms that ship."""
+SETTINGS = ("original", "embodied", "best")
+"""What an arm may do (`envs.arm.place_arm`)."""

@@ -39,7 +39,7 @@ from typing import Any
 
 import yaml
 
-from richmap.robots import corrections
+from richmap.robots import SETTINGS, corrections
 from richmap.robots.reading import read_arm
 from richmap.robots.robot import RobotDescription
 
@@ -96,6 +96,8 @@ class RobotFile:
                 raise ValueError(f"It says file, base and end_effector, and may say {', '.join(sorted(KEYS))}.")
             branches = {name: _branch(**each) for name, each in said.pop("branches", {}).items()}
             settings = {name: _stand(**each) for name, each in said.pop("settings", {}).items()}
+            if strange := settings.keys() - {*SETTINGS}:
+                raise ValueError(f"There is no setting {strange.pop()!r}. Settings: {', '.join(SETTINGS)}.")
             scale = float(said.pop("scale", 1))
             if not 0 < scale < math.inf:
                 raise ValueError(f"scale is a number above 0. Got {scale}.")

@@ -64,14 +64,12 @@ def rollouts_of(stages: "Sequence[Stage]") -> "list[Rollout]":
 
 
 def chosen_scale(stage: Stage) -> float:
-    """The one scale of a method that was chosen for its task, in `config.scales_dir`; 0 for direct transfer.
+    """The one scale of a method that was chosen for its task, in `config.scales_dir`.
 
     Raises:
         SettingError: If none was.
     """
     config = stage.config
-    if config.method == "direct":
-        return 0.0
     if stage.entry:
         if stage.entry.default_scale is None:
             raise SettingError(f"lambda=null: {config.method} names no default_scale. Give it one, or give lambda.")
