@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -123,8 +124,7 @@ def test_the_scale_is_the_one_chosen_for_the_task(tmp_path):
     config.scales_dir = scales(tmp_path / "a", projection=0.02, reorder=0)
     assert with_scale(config) == 0.02
     for off in ("direct", "reorder"):  # "Off" can be chosen too.
-        config.method = off
-        assert with_scale(config) == 0
+        assert with_scale(replace(config, method=off)) == 0
     (tmp_path / "a" / "block_push.yaml").write_text("projection: {scale: 0.0")
     with pytest.raises(SettingError, match="block_push.yaml is damaged"):
         with_scale(config)
@@ -198,10 +198,10 @@ def test_a_failed_job_leaves_its_reason_and_stops_no_other(swept):
     assert status == 1 and "Traceback" not in log
     records = [json.loads(file.read_text()) for file in sorted((folder / "sweep" / "jobs").glob("*.json"))]
     failed = [record for record in records if record["reason"]]
-    assert [record["name"] for record in failed] == ["ur3, original, paper 0, bad", "ur3, original, paper 0.5, bad"]
+    assert [record["name"] for record in failed] == ["ur3, original, direct, bad", "ur3, original, paper 0.5, bad"]
     assert f"policy={folder / 'bad'}" in failed[0]["command"]
     *_, first, second, last = log.splitlines()
-    assert first.startswith("Failed: ur3, original, paper 0, bad: ") and "0.5, bad" in second
+    assert first.startswith("Failed: ur3, original, direct, bad: ") and "0.5, bad" in second
     assert "The same command goes on" in last
 
 
