@@ -7,6 +7,7 @@ python -m benchmark.enter entry=my_entry suite=full final=true
 python -m benchmark.enter entry=their_entry table=their_entry.parquet
 """
 
+import secrets
 import shutil
 import sys
 import time
@@ -274,7 +275,7 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
         named = f"{row.robot}, {row.setting}, {row.checkpoint}" + (f", scale {row['lambda']:g}" if scales[1:] else "")
         console.print(f"{named}, n = {row.n}: {scores}", soft_wrap=True)
     made = pd.concat(tables)
-    some = made.sample(min(ALONE, len(made)), random_state=0)
+    some = made.sample(min(ALONE, len(made)), random_state=secrets.randbits(32))  # Nobody knows beforehand which.
     each_alone = ((rollouts[nearest(row, rollouts)[0]], [row["episode_seed"]]) for row in some.to_dict("records"))
     again = chain.from_iterable(play_all(each_alone, workers=1))
     if refused := list(otherwise(some, again)):

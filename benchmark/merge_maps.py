@@ -32,9 +32,9 @@ def main(config: MergeMapsConfig) -> None:
     check_setting(len(config.inputs) >= 2, "inputs", config.inputs, "two map files or more, as in inputs=[a,b]")
     from rich.console import Console
 
-    from richmap.files import FileRefusedError
     from richmap.maps.construction import merge
     from richmap.maps.reachability_map import ReachabilityMap
+    from richmap.outputs import FileRefusedError
 
     console, robot, output = Console(), config.robot.load(), Path(config.output)
     try:

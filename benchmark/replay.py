@@ -65,7 +65,7 @@ def chosen_rows(config: ReplayConfig) -> "pd.DataFrame":
     Raises:
         SettingError: If there is no such row.
     """
-    from benchmark.episodes.episode import IDENTITY, row_id
+    from benchmark.episodes.episode import IDENTITY, Condition, column_types, row_id
     from benchmark.episodes.table import read_tables
 
     check_setting(bool(config.row) != bool(config.random), "row", config.row, "either row=<id> or random=<rows>")
@@ -73,6 +73,8 @@ def chosen_rows(config: ReplayConfig) -> "pd.DataFrame":
     table = read_tables(path, chosen_task(config.task).name)
     if table.empty:
         raise SettingError(f"table={path} has no episodes. Make some: python -m benchmark.run")
+    if lacking := {*IDENTITY, *column_types(Condition)} - {*table.columns}:
+        raise SettingError(f"table={path} lacks the columns {', '.join(sorted(lacking))}: its rows cannot be replayed.")
     if config.random:
         return table.sample(min(config.random, len(table)), random_state=config.seed).sort_values("checkpoint")
     ids = [row_id(row) for row in table[IDENTITY].to_dict("records")]

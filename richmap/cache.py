@@ -13,8 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 import platformdirs
 from filelock import FileLock, Timeout
 
-from richmap.files import FileRefusedError
-from richmap.outputs import UNFINISHED, CacheError
+from richmap.outputs import UNFINISHED, CacheError, FileRefusedError
 
 PACKAGES = ("pin", "coal", "numpy", "scipy", "numba", "torch", "pytorch-kinematics")
 """Whose versions decide what is in the cache; pinned exactly."""

@@ -13,17 +13,13 @@ import safetensors.numpy
 from safetensors import SafetensorError, safe_open
 
 from richmap.file_contents import check_contents
-from richmap.outputs import replacing
+from richmap.outputs import FileRefusedError, replacing
 
 if TYPE_CHECKING:
     from richmap.robots.robot import RobotDescription
 
 DTYPES = {"F32": "<f4", "F64": "<f8", "I64": "<i8", "I32": "<i4", "U32": "<u4", "U16": "<u2", "U8": "<u1", "BOOL": "?"}
 """NumPy's names of the types that safetensors names."""
-
-
-class FileRefusedError(ValueError):
-    """A file is cut short, is of another kind or version, or holds something else than what was asked for."""
 
 
 def save_arrays(path: Path, kind: str, version: int, arrays: dict[str, np.ndarray], about: dict[str, str]) -> None:

@@ -19,6 +19,10 @@ class CacheError(ValueError):
     """The cache lacks a file, and cannot be written to."""
 
 
+class FileRefusedError(ValueError):
+    """A file is cut short, is of another kind or version, or holds something else than what was asked for."""
+
+
 class DrawingError(RuntimeError):
     """Nothing can be drawn on this machine."""
 

@@ -27,7 +27,8 @@ from policies.press_buttons.value import ButtonValue, Moments, as_network, as_va
 from policies.press_buttons.value_choice import ChunkByValue
 from policies.press_buttons.value_training import area_under_curve, learn
 from policies.setup import Setup
-from richmap.files import FileRefusedError, load_arrays
+from richmap.files import load_arrays
+from richmap.outputs import FileRefusedError
 from richmap.similarity.arm_value import ArmValue
 from richmap.similarity.load_field import load_field
 from richmap.task_spaces.press_buttons import PRESS_BUTTONS_SPACE

@@ -13,10 +13,10 @@ from richmap.counterparts.capability_construction import (
     sample_orientations,
 )
 from richmap.counterparts.capability_map import CapabilityConstruction, CapabilityMap
-from richmap.files import FileRefusedError
 from richmap.geometry.grid import Grid
 from richmap.geometry.rotations import capacity_bound_so3, quaternions_of, rotation_angle
 from richmap.motion.kinematics import flange_frames
+from richmap.outputs import FileRefusedError
 from richmap.robots.robots import load_robot
 
 pytestmark = pytest.mark.system

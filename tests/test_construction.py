@@ -5,7 +5,6 @@ import sys
 import numpy as np
 import pytest
 
-from richmap.files import FileRefusedError
 from richmap.geometry.directions import capacity_bound
 from richmap.geometry.grid import Grid
 from richmap.maps.construction import build_map, merge
@@ -15,6 +14,7 @@ from richmap.motion.collision import self_collision
 from richmap.motion.ground import lowest_points
 from richmap.motion.kinematics import flange_frames
 from richmap.motion.sampling import sample_workspace
+from richmap.outputs import FileRefusedError
 from richmap.robots.robots import load_robot
 
 pytestmark = pytest.mark.system

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from richmap.files import FileRefusedError
 from richmap.geometry.grid import Grid
 from richmap.maps.coverage import CoverageBitmap
 from richmap.maps.direction_index import DirectionIndex
+from richmap.outputs import FileRefusedError
 
 THETA = 0.1
 GRID = Grid((-0.1, -0.1, -0.1), 0.1, (2, 2, 2))

@@ -5,11 +5,12 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from richmap.files import FileRefusedError, save_arrays
+from richmap.files import save_arrays
 from richmap.geometry.grid import Grid, GridMismatchError
 from richmap.geometry.harmonics import harmonics
 from richmap.maps.compression import fibonacci_lattice
 from richmap.maps.reachability_map import Construction, ReachabilityMap
+from richmap.outputs import FileRefusedError
 from richmap.similarity.directional import DirectionalCoverage, DirectionalDistance, DirectionalEnergy, quadrature
 from richmap.similarity.similarity import SCALES, kernel, kernel_spectrum, mmd_squared
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import convolve
 
-from richmap.files import FileRefusedError
 from richmap.geometry.grid import Grid
+from richmap.outputs import FileRefusedError
 from richmap.similarity.energy import SIX_NEIGHBOURS, EnergyField, EnergySettings, propagate, seed_cells
 from richmap.similarity.similarity import SimilarityGrid
 

@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from richmap.counterparts.fraction_map import FULL, FractionConstruction, FractionMap, build_fraction_map
-from richmap.files import FileRefusedError
 from richmap.motion.collision import self_collision
 from richmap.motion.free_samples import free_samples
 from richmap.motion.kinematics import flange_frames
 from richmap.motion.turned_cells import NoTurnError, TurnedCells
+from richmap.outputs import FileRefusedError
 from richmap.robots.robots import load_robot
 
 ROBOT = load_robot("iiwa7")

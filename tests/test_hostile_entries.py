@@ -145,3 +145,14 @@ def test_what_was_finished_before_is_kept(brief, tmp_path):
         enter.main(config)
     assert "\n" not in str(refused.value)
     assert read_episodes(output / "late").episode_seed.tolist() == [150_000]
+
+
+def test_a_class_cannot_write_to_the_process_that_has_its_limits(tmp_path):
+    lines = [
+        "about = lambda p, file: open(f'/proc/{p}/{file}').read()",
+        "houses = [p for p in os.listdir('/proc') if p.isdigit() and 'guest_house' in about(p, 'cmdline')]",
+        "watchers = [p for p in houses if about(p, 'status').split('PPid:')[1].split()[0] not in houses]",
+        "[open(f'/proc/{p}/mem', 'r+b', 0).close() for p in watchers]",
+    ]
+    with pytest.raises(SettingError, match="PermissionError"):
+        stranger(tmp_path, *lines).make(0.1, None, (0.0, 0.0), 0).correct(CHUNK, STATE)

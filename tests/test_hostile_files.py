@@ -7,9 +7,10 @@ import os
 import numpy as np
 import pytest
 
-from richmap.files import FileRefusedError, load_arrays, save_arrays
+from richmap.files import load_arrays, save_arrays
 from richmap.geometry.grid import Grid
 from richmap.maps.reachability_map import ReachabilityMap
+from richmap.outputs import FileRefusedError
 from richmap.robots.robots import load_robot
 from richmap.similarity.energy import EnergyField
 from richmap.similarity.load_field import load_field

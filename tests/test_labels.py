@@ -5,9 +5,9 @@ from benchmark.map_quality import labels, poses
 from benchmark.map_quality.label_errors import label_errors
 from benchmark.map_quality.labels import CHUNK, TEST_SETS, LabelledPoses, label, labelled, make_test_set
 from richmap import cache
-from richmap.files import FileRefusedError
 from richmap.motion import inverse_kinematics
 from richmap.motion.reach import reach_ball
+from richmap.outputs import FileRefusedError
 from richmap.robots.robots import load_robot
 
 

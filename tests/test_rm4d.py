@@ -6,9 +6,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from richmap.counterparts.rm4d import RM4D, RM4DConstruction, build_rm4d
-from richmap.files import FileRefusedError
 from richmap.motion.kinematics import flange_frames
 from richmap.motion.turned_cells import TurnedCells
+from richmap.outputs import FileRefusedError
 from richmap.robots.robots import load_robot
 
 ROBOT = load_robot("iiwa7")

@@ -87,7 +87,7 @@ def test_two_policies_are_compared_and_what_is_stored_is_not_played_again(
 
 
 def test_only_our_own_policies_are_guided(untrained):
-    config = dataclasses.replace(CONFIG, policy=str(untrained), guidance_scale=0.5)
+    config = dataclasses.replace(CONFIG, policy=str(untrained), method="paper", guidance_scale=0.5)
     with pytest.raises(SettingError, match="lambda=0.5 needs a policy of type guided_push.*of type diffusion: use lam"):
         chosen_checkpoint(config)
 

@@ -6,8 +6,9 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from richmap.files import FileRefusedError, save_arrays
+from richmap.files import save_arrays
 from richmap.geometry.grid import Grid
+from richmap.outputs import FileRefusedError
 from richmap.similarity.energy import EnergyField
 from richmap.similarity.load_field import load_field
 from richmap.similarity.signed_distance import SignedDistanceField, feasible_ring

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pinocchio
 import pytest
+import trimesh
 
 from envs.arm.inverse_kinematics import InverseKinematics
 from richmap.geometry.grid import Grid
@@ -413,3 +414,67 @@ def test_an_arm_of_few_joints_holds_its_tool_down_at_any_roll(arm):
         posture = kinematics.solve(point, np.array([0.0, 0.5, 1.0, 1.0]), 100, np.inf)
         assert posture.residual < 1e-5 and posture.tilt < 1e-5
         assert kinematics.flange(posture.joints) == pytest.approx(point, abs=1e-5)
+
+
+def boxes(count=7, limit=5.0):
+    """Six joints about z and y in turn, with a box on each link."""
+    box = '<collision><origin xyz="0 0 0.05"/><geometry><box size="0.05 0.05 0.1"/></geometry></collision>'
+    links = "".join(f'<link name="l{i}">{box}</link>' for i in range(count))
+    joints = "".join(
+        f'<joint name="j{i}" type="revolute"><parent link="l{i - 1}"/><child link="l{i}"/><origin xyz="0 0 {z}"/>'
+        f'<axis xyz="{axis}"/><limit lower="{-limit}" upper="{limit}"/></joint>'
+        for i, (z, axis) in enumerate(zip(HEIGHTS, AXES, strict=True), start=1)
+    )
+    return f'<robot name="boxes">{links}{joints}</robot>'
+
+
+HEIGHTS = (0.1, 0.1, 0.3, 0.1, 0.2, 0.1)
+AXES = ("0 0 1", "0 1 0", "0 1 0", "0 0 1", "0 1 0", "0 0 1")
+
+
+def test_what_touches_does_not_depend_on_what_was_asked_before(arm):
+    """Coal's guess from the query before missed contact between boxes."""
+    robot = arm(boxes(), "l6", base="l0")
+    checker, joints = SelfCollision(robot), np.random.default_rng(9).uniform(robot.lower, robot.upper, (1500, 6))
+    hits, order = checker(joints), np.random.default_rng(0).permutation(1500)
+    assert (checker(joints[order]) == hits[order]).all()
+    assert (checker.pair_hits(joints).any(1) == hits).all()
+
+
+def test_a_mesh_counts_in_the_fingerprint_wherever_it_lies(arm, tmp_path):
+    (tmp_path / 'A & "B" <C>').mkdir()
+    mesh, found = tmp_path / 'A & "B" <C>' / "x.stl", []
+    text = urdf(mesh='<mesh filename="A &amp; &quot;B&quot; &lt;C&gt;/x.stl"/>')
+    for size in (0.05, 0.07, 0.05):
+        trimesh.creation.box([size] * 3).export(mesh)
+        found.append(arm(text).fingerprint)
+    assert found[0] == found[2] != found[1]
+
+
+def test_a_file_of_a_package_that_is_not_there_is_not_taken_from_another(clone, arm, tmp_path):
+    (tmp_path / "meshes").mkdir()
+    trimesh.creation.box([0.1] * 3).export(tmp_path / "meshes" / "x.stl")
+    text = urdf(mesh='<mesh filename="package://gone/meshes/x.stl"/>')
+    assert arm(text).shapes["upper"]  # Nothing says which package the folder is.
+    (tmp_path / "package.xml").write_text("<package><name>own</name></package>")
+    with pytest.raises(ValueError, match="there is no package 'gone'"):
+        arm(text)
+
+
+@pytest.mark.parametrize(
+    "shape", ['<box size="0.3 0.3 0.00005"/>', '<cylinder length="0.00005" radius="0.1"/>'], ids=["box", "disc"]
+)
+def test_a_plate_beside_the_chain_that_is_too_thin_for_the_simulator_is_no_error(arm, tmp_path, monkeypatch, shape):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    spec = arm_spec(arm(urdf(fixed("base", "plate", "0 0 -0.2", shape=shape))))
+    assert spec.compile().njnt == 4
+
+
+def test_inertia_that_says_too_little_is_made_whole(arm):
+    for said in ("<mass/>", '<mass value="1"/><inertia ixx="1" iyy="1" izz="1"/>'):
+        robot = arm(urdf().replace('<link name="hand">', f'<link name="hand"><inertial>{said}</inertial>'))
+        assert robot.joints and pinocchio.buildModelFromXML(robot.urdf).nq == 4
+    with pytest.raises(ValueError, match="link 'hand': <inertia ixx='a'> is no number"):
+        arm(urdf().replace('<link name="hand">', '<link name="hand"><inertial><inertia ixx="a"/></inertial>'))
+    with pytest.raises(ValueError, match="joint 'lift': <limit velocity='fast'> is no number >= 0"):
+        arm(urdf().replace('velocity="1"', 'velocity="fast"', 2))

@@ -37,7 +37,7 @@ def arm_value(
     Raises:
         SettingError: If nothing was, or the file is damaged or of another arm.
     """
-    from richmap.files import FileRefusedError
+    from richmap.outputs import FileRefusedError
     from richmap.similarity.arm_value import ArmValue
 
     file = value_file(arm)

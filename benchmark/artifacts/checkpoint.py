@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmark.artifacts.checkpoint_files import CONFIG, TRAINING, WEIGHTS, check_files, read_json
+from benchmark.settings.setting import SettingError
 from policies.weights_hash import sha256_of
 
 GUIDED = "guided_push"
@@ -68,6 +69,8 @@ class Checkpoint:
         and the statistics that its processors normalize by, if they are not among the weights.
         """
         weights, *processors = [self.folder / WEIGHTS, *sorted(self.folder.glob("policy_*.safetensors"))]
+        if pipes := [file for file in processors if not file.is_file()]:  # To open one would wait for its writer.
+            raise SettingError(f"policy={self.folder}: {pipes[0].name} is no file. Copy the checkpoint again.")
         trained = self._training.get("policy", {})
         decides = {name: value for name, value in self._config.items() if name not in WHERE}
         changed = {name: value for name, value in decides.items() if trained.get(name, ...) != value}

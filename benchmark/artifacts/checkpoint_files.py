@@ -4,7 +4,6 @@ A processor's file names steps; LeRobot would import any class that it names and
 Here only steps that are registered under a name run, of those only the ones below, with the settings that are known.
 """
 
-import json
 import math
 import re
 from collections.abc import Iterator
@@ -15,6 +14,7 @@ from safetensors import SafetensorError, safe_open
 
 from benchmark.settings.command import SettingError
 from policies.weights_hash import check_hashes
+from richmap.given_files import given_json
 
 CONFIG, WEIGHTS, TRAINING = "config.json", "model.safetensors", "train_config.json"
 PROCESSORS = ("policy_preprocessor.json", "policy_postprocessor.json")
@@ -78,12 +78,10 @@ def read_json(file: Path) -> dict[str, Any]:
         SettingError: If it holds none.
     """
     try:
-        if not file.is_file() or file.stat().st_size > LARGEST_JSON:
-            raise ValueError(f"it is no file of at most {LARGEST_JSON >> 20} MiB")
-        value = json.loads(file.read_text(encoding="utf-8"))
+        value = given_json(file, LARGEST_JSON)
         if not isinstance(value, dict):
             raise ValueError(f"it holds a {type(value).__name__}, not an object")
-    except (OSError, ValueError, RecursionError) as error:
+    except (OSError, ValueError) as error:
         raise SettingError(f"policy={file.parent}: its {file.name} cannot be read: {error}") from error
     return value
 
@@ -123,7 +121,7 @@ def _is_feature(feature: Any) -> bool:
 def _numbers(value: Any, name: str = "") -> Iterator[tuple[str, int | float]]:
     """The numbers in a value of JSON, each with the name of the setting that it is in."""
     if isinstance(value, int | float) and not isinstance(value, bool):
-        yield name, value if math.isfinite(value) else math.nan
+        yield name, value if isinstance(value, int) or math.isfinite(value) else math.nan
     elif isinstance(value, dict):
         for key, each in value.items():
             yield from _numbers(each, key)

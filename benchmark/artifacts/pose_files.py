@@ -1,6 +1,5 @@
 """Paths of poses from files: CSV, NPZ, and LeRobotDatasets of poses or of joint angles."""
 
-import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,6 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
+from richmap.given_files import given_json
 from richmap.motion.kinematics import flange_frames
 from richmap.paths.pose_path import PosePath
 
@@ -25,6 +25,8 @@ FIRST = ("observation.state", "action")
 """Features of a LeRobotDataset in which poses are sought first: measured ones before commanded ones."""
 
 EPISODE = "episode"
+MOST_COLUMNS = 10_000
+"""Numbers of a feature."""
 
 
 class PoseFileError(ValueError):
@@ -200,8 +202,8 @@ def _npz(file: Path) -> _Table:
 def _dataset(root: Path, feature: str) -> _Table:
     """Every feature of a LeRobotDataset whose numbers have names; the most likely ones first."""
     try:
-        info = json.loads((root / "meta" / "info.json").read_text(encoding="utf-8"))
-        files = sorted(root.glob("data/**/*.parquet"))
+        info = given_json(root / "meta" / "info.json")
+        files = sorted(file for file in root.glob("data/**/*.parquet") if file.is_file())
         rows = pd.concat([pd.read_parquet(each) for each in files], ignore_index=True)
         fps, features = float(info["fps"]), dict(info["features"])
         episodes = rows["episode_index"].to_numpy()
@@ -231,6 +233,8 @@ def _names(names: Any, shape: Any) -> list[str]:
     if isinstance(names, dict):
         names = [each for value in names.values() for each in (value if isinstance(value, list) else [value])]
     if names is None and len(shape) == 1:
+        if shape[0] > MOST_COLUMNS:
+            raise ValueError(f"a feature has {shape[0]} numbers, and {MOST_COLUMNS} are read at most")
         return [f"[{i}]" for i in range(int(shape[0]))]
     return [str(name) for name in names or []]
 

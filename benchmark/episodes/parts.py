@@ -36,7 +36,7 @@ MOST_BYTES = 1 << 30
 
 HOLDS: dict[type, tuple[str, Callable[[pa.DataType], bool]]] = {
     int: ("whole numbers", pa.types.is_integer),
-    float: ("numbers", lambda kind: pa.types.is_floating(kind) or pa.types.is_integer(kind)),
+    float: ("numbers", lambda kind: kind in (pa.float32(), pa.float64()) or pa.types.is_integer(kind)),
     bool: ("true or false", pa.types.is_boolean),
     str: ("texts", lambda kind: pa.types.is_string(kind) or pa.types.is_large_string(kind)),
     tuple: ("lists of numbers", pa.types.is_list),
@@ -137,10 +137,13 @@ def read_part(file: Path, columns: Sequence[str] | None = None) -> pa.Table:
     """
     if not file.is_file() and os.path.lexists(file):  # To open a pipe would wait for whoever writes to it.
         raise SettingError(f"{file} is no file, or a link to none. Move it away and run again.")
+    if (size := file.stat().st_size) > MOST_BYTES:
+        raise SettingError(f"{file} has {size / 1e9:.1f} GB. A part holds at most {MOST_BYTES / 1e9:.1f} GB.")
     if re.fullmatch("[0-9a-f]{16}", file.stem) and checksum(file) != file.stem:
         raise SettingError(f"{file} is damaged: it is not what its name, its checksum, says. Move it away.")
     try:
-        with pq.ParquetFile(file, page_checksum_verification=True) as part:
+        texts = [field.name for field in pq.read_schema(file) if HOLDS[str][1](field.type)]
+        with pq.ParquetFile(file, page_checksum_verification=True, read_dictionary=texts) as part:
             about = part.metadata
             unpacked = sum(about.row_group(i).total_byte_size for i in range(about.num_row_groups))
             if about.num_rows > MOST_ROWS or unpacked > MOST_BYTES:
@@ -149,7 +152,7 @@ def read_part(file: Path, columns: Sequence[str] | None = None) -> pa.Table:
                     f"{MOST_ROWS:,} rows of {MOST_BYTES / 1e9:.1f} GB."
                 )
             there = columns and [name for name in columns if name in part.schema_arrow.names]
-            table = part.read(there)
+            table = _in_full(file, part.read(there))
             check_columns(file, table, column_types(Condition))
             return table
     except (FileNotFoundError, SettingError):
@@ -157,6 +160,21 @@ def read_part(file: Path, columns: Sequence[str] | None = None) -> pa.Table:
     except Exception as error:  # Arrow raises whatever it comes across in a damaged file.
         text = " ".join(str(error).split())[:200]
         raise SettingError(f"{file} is no whole Parquet file ({text}). Move it away and run again.") from error
+
+
+def _in_full(file: Path, table: pa.Table) -> pa.Table:
+    """A table whose texts are read as numbers of distinct ones with these themselves in their place: a few bytes can
+    say a long text a million times."""
+    for i, name in enumerate(table.column_names):
+        if not pa.types.is_dictionary(table[name].type):
+            continue
+        needed = 0
+        for chunk in table[name].chunks:
+            needed += pc.sum(pc.take(pc.binary_length(chunk.dictionary), chunk.indices)).as_py() or 0
+        if needed > MOST_BYTES:
+            raise SettingError(f"{file}: {name} holds {needed / 1e9:.1f} GB. Allowed: {MOST_BYTES / 1e9:.1f} GB.")
+        table = table.set_column(i, name, table[name].cast(table[name].type.value_type))
+    return table
 
 
 def check_columns(path: Path, table: pa.Table, types: Mapping[str, tuple[type, bool]]) -> None:
@@ -179,6 +197,9 @@ def check_columns(path: Path, table: pa.Table, types: Mapping[str, tuple[type, b
             wrong = [text for text in column.unique().to_pylist() if not (text is None or text.isprintable())]
         elif kind is float and not optional and name != "cell_size":
             wrong = column.filter(pc.invert(pc.is_finite(column))).to_pylist()[:1]
+        elif kind is tuple and pa.types.is_floating(column.type.value_type):
+            numbers = pc.list_flatten(column)
+            wrong = numbers.filter(pc.invert(pc.is_finite(numbers))).to_pylist()[:1]
         else:
             wrong = []
         if wrong:

@@ -1,6 +1,7 @@
 """Somebody else's entry: a folder with a policy, a guidance class or both, and what has to be known of them."""
 
 import hashlib
+import os
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from omegaconf import DictConfig, OmegaConf
-from yaml import AliasToken, YAMLError, scan
+from yaml import AliasToken, scan
 
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
 from benchmark.artifacts.fields import guidance_field
@@ -20,6 +21,7 @@ from benchmark.settings.command import SettingError, typed
 from benchmark.settings.config import LimitsConfig, RunConfig
 from benchmark.settings.entry_config import EntryConfig
 from policies.method import is_of
+from richmap.given_files import given_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
     from envs.task import Task
 
 
+LARGEST = 4 << 30
+"""Bytes of a file of an entry."""
 MOST_BYTES = 10_000
 """Of an entry.yaml."""
 MOST_BRACKETS = 20
@@ -60,9 +64,7 @@ class Entry:
         if not file.is_file():
             raise SettingError(f"entry={folder} is no entry: it lacks entry.yaml. See docs/submit.md.")
         try:
-            if file.stat().st_size > MOST_BYTES:
-                raise SettingError(f"{file} has more than {MOST_BYTES:,} bytes. It is a few lines of key: value.")
-            text = file.read_text()
+            text = given_text(file, MOST_BYTES)
             if "${" in text:
                 raise SettingError(f"{file} has ${{...}}. What it says stands in the file itself: write the value.")
             if text.count("[") + text.count("{") > MOST_BRACKETS:
@@ -72,8 +74,8 @@ class Entry:
             said = OmegaConf.load(file)
         except SettingError:
             raise
-        except (YAMLError, OSError, ValueError, RecursionError) as error:
-            raise SettingError(f"{file} cannot be read: {' '.join(str(error).split())}") from error
+        except Exception as error:  # What YAML makes of a value raises whatever it comes across.
+            raise SettingError(f"{file} cannot be read: {' '.join(str(error).split()) or repr(error)}") from error
         known = [each.name for each in fields(EntryConfig)]
         if not isinstance(said, DictConfig):
             raise SettingError(f"{file} is not lines of key: value. It may say: {', '.join(known)}.")
@@ -141,8 +143,9 @@ class Entry:
             if path.is_symlink() and self.pattern == "*":
                 raise SettingError(f"{path} is a link. An entry holds its files itself: copy it there.")
             if path.is_file():
-                content = path.read_bytes()
-                digest.update(f"{name.as_posix()}\0{len(content)}\0".encode() + content)
+                if (size := path.stat().st_size) > LARGEST:
+                    raise SettingError(f"{path} has {size / 1e9:.0f} GB. Allowed: {LARGEST / 1e9:.1f} GB.")
+                digest.update(os.fsencode(name.as_posix()) + f"\0{size}\0".encode() + path.read_bytes())
         return digest.hexdigest()
 
     def checkpoints(self, seeds: list[int], task: str, ranks: Iterable[int] = (1,)) -> list[Path]:

@@ -4,6 +4,7 @@ A row of the table has the field's fingerprint, which these settings give again,
 """
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -14,6 +15,7 @@ from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.robot_config import SOURCE
+from richmap.given_files import given_json
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:
@@ -43,15 +45,15 @@ def noted_settings(table: Path, fingerprint: str) -> tuple[MapConfig, EnergyConf
         SettingError: If the file is damaged, or of another version.
     """
     folder = table if table.is_dir() else table.parents[1]  # A part lies in the folder `episodes` of its table.
-    files = sorted(folder.rglob(str(_name(fingerprint))))
+    files = sorted(folder.rglob(str(_name(fingerprint)))) if re.fullmatch("[0-9a-f]{16,}", fingerprint) else []
     if not files:
         return None
     try:
-        noted = json.loads(files[0].read_text())
+        noted = given_json(files[0])
         if noted["version"] == VERSION:
             return MapConfig(**noted["map"]), EnergyConfig(**noted["energy"])
-    except (ValueError, KeyError, TypeError) as error:
-        raise SettingError(f"{files[0]} is damaged ({error}). Remove it, and give map.* and energy.*.") from error
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
+        raise SettingError(f"{files[0]} is damaged ({error!r:.200}). Remove it; give map.* and energy.*.") from error
     raise SettingError(f"{files[0]} is of version {noted['version']}, not {VERSION}. Give map.* and energy.*.")
 
 

@@ -19,7 +19,7 @@ MOST_PROCESSES = 64
 """That a class may start."""
 MOST_PRINTED = 100_000
 """Of what a class prints, in bytes: what comes after that is thrown away."""
-PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # Of linux/prctl.h.
+PR_SET_PDEATHSIG, PR_SET_DUMPABLE, PR_SET_CHILD_SUBREAPER = 1, 4, 36  # Of linux/prctl.h.
 
 
 def main(channel: str, status: str, gigabytes: str) -> None:
@@ -33,9 +33,11 @@ def main(channel: str, status: str, gigabytes: str) -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     alone = _alone()
     ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
+    ctypes.CDLL(None).prctl(PR_SET_DUMPABLE, 0)  # The class cannot write to this process, which has its limits.
     heard, printed = os.pipe()
     guest = os.fork()
     if guest == 0:
+        ctypes.CDLL(None).prctl(PR_SET_DUMPABLE, 1)
         for number in (1, 2):
             os.dup2(printed, number)
         for end in (int(status), heard, printed):

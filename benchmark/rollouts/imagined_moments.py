@@ -15,7 +15,8 @@ import numpy as np
 
 from benchmark.rollouts.checked_policy import checked_config, checked_policy
 from envs.task import Task
-from richmap.files import FileRefusedError, load_arrays, save_arrays
+from richmap.files import load_arrays, save_arrays
+from richmap.outputs import FileRefusedError
 from richmap.progress import progress_bar
 from richmap.worker import worker_pool
 

@@ -14,8 +14,9 @@ from benchmark.episodes.arm import choices_of, chosen_arm
 from benchmark.episodes.episode import row_name
 from benchmark.rollouts.field_settings import noted_settings
 from benchmark.rollouts.make_rollout import make_rollout
-from benchmark.settings.command import SettingError
+from benchmark.settings.command import SettingError, check_setting
 from benchmark.settings.config import CLASS_IN_FILE, LimitsConfig, RunConfig
+from benchmark.settings.limits import MOST_ENVIRONMENTS
 from benchmark.settings.replay_config import ReplayConfig
 from benchmark.settings.robot_config import ArmConfig, RobotConfig
 from benchmark.settings.task import chosen_task
@@ -166,7 +167,13 @@ def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> 
         row: The row.
         config: Settings of the field, but for the size of its cells.
         guided: Whether the policy is of our type, whose sampler is set.
+
+    Raises:
+        SettingError: If the row says what no rollout has.
     """
+    batch = row["batch_size"]
+    check_setting(1 <= batch <= MOST_ENVIRONMENTS, "batch_size", batch, f"1 to {MOST_ENVIRONMENTS}")
+    check_setting(row["episode_seed"] >= 0, "episode_seed", row["episode_seed"], "a whole number >= 0")
     kind = METHODS[row["method"]].field if row["method"] in METHODS else None
     of_map_s_cells = kind in MAPS and kind not in AT_ONE_HEIGHT  # Those have cells of their own.
     arm = ArmConfig(**choices_of(row))

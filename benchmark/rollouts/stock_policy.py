@@ -11,6 +11,7 @@ from torch import Tensor
 
 from benchmark.artifacts.checkpoint_files import check_files
 from benchmark.rollouts.checked_policy import checked_config, checked_policy, loading
+from benchmark.settings.setting import SettingError
 
 
 class StockPolicy:
@@ -30,7 +31,7 @@ class StockPolicy:
     """
 
     def __init__(self, checkpoint: Path, device: str, shown: dict[str, tuple[int, ...]]) -> None:
-        config = checked_config(checkpoint, shown)
+        self.checkpoint, config = checkpoint, checked_config(checkpoint, shown)
         config.device, config.pretrained_path = device, checkpoint
         self.policy = checked_policy(checkpoint, config).to(device).eval()
         check_files(checkpoint)
@@ -52,4 +53,8 @@ class StockPolicy:
             step: Environment step.
         """
         torch.manual_seed(int(np.random.SeedSequence((number, step)).generate_state(1)[0]))
-        return self.postprocess(self.policy.select_action(self.preprocess(batch)))
+        try:
+            return self.postprocess(self.policy.select_action(self.preprocess(batch)))
+        except Exception as error:  # Whatever its processors and its network come across.
+            text = f"{type(error).__name__}: {' '.join(str(error).split())}"[:300]
+            raise SettingError(f"policy={self.checkpoint} fails at what the task shows ({text}).") from error

@@ -17,6 +17,7 @@ from jaxtyping import Float
 from benchmark.scoring.statistics import Crossed, clustered_mean
 from benchmark.settings.config import ORACLE_METHODS
 from benchmark.settings.setting import SettingError
+from richmap.given_files import given_json
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -133,11 +134,17 @@ def save_ceilings(file: Path, ceilings: Mapping[str, Ceiling], about: Mapping[st
 
 
 def read_ceilings(file: Path) -> dict[str, Ceiling]:
-    """The ceilings of a suite's conditions by name; none if they are not frozen yet."""
+    """The ceilings of a suite's conditions by name; none if they are not frozen yet.
+
+    Raises:
+        SettingError: If the file is damaged.
+    """
     if not file.exists():
         return {}
-    conditions = json.loads(file.read_text())["conditions"]
-    return {
-        name: Ceiling(tuple(each["scenes"]), tuple(each["policies"]), tuple(each["values"]), each["candidates"])
-        for name, each in conditions.items()
-    }
+    try:
+        return {
+            name: Ceiling(tuple(each["scenes"]), tuple(each["policies"]), tuple(each["values"]), each["candidates"])
+            for name, each in given_json(file)["conditions"].items()
+        }
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise SettingError(f"{file} holds no ceilings ({error!r:.200}). See benchmark.studies.ceilings.") from error

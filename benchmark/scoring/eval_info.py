@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmark.settings.setting import SettingError
+from richmap.given_files import given_json
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,9 +52,7 @@ def read_eval_info(path: Path) -> "pd.DataFrame":
 
     file = path / FILE if path.is_dir() else path
     try:
-        if file.stat().st_size > LARGEST:
-            raise ValueError(f"it has more than {LARGEST >> 20} MiB")
-        info = json.loads(file.read_text(encoding="utf-8"))
+        info = given_json(file, LARGEST)
         episodes = [*_episodes(info)]
         if not episodes:
             raise ValueError("it holds no episodes")
@@ -61,7 +60,7 @@ def read_eval_info(path: Path) -> "pd.DataFrame":
         doubled = table[table.seed.notna() & table.duplicated(["group", "task_id", "seed"])]
         if len(doubled):
             raise ValueError(f"it holds seed {doubled.seed.iloc[0]} twice, which cannot be paired")
-    except (OSError, ValueError, RecursionError) as error:
+    except (OSError, ValueError) as error:
         raise SettingError(
             f"{file} cannot be read: {error}. Give an {FILE} as lerobot-eval writes it, or the folder that it is in."
         ) from error
@@ -87,8 +86,8 @@ def _episodes(info: Any) -> Iterator[tuple]:
 
 def _of_task(task: dict[str, Any], metrics: dict[str, Any]) -> Iterator[tuple]:
     group, task_id, env = task.get("task_group", ""), task.get("task_id", 0), task.get("env", "")
-    named = isinstance(group, str) and type(task_id) is int and isinstance(env, str)
-    _check(named, f"a task has task_group={group!r}, task_id={task_id!r} and env={env!r}")
+    named = isinstance(group, str) and type(task_id) is int and abs(task_id) < 1 << 63 and isinstance(env, str)
+    _check(named, f"a task has task_group={group!r}, task_id={task_id!r:.40} and env={env!r}")
     name, successes, rewards = f"{group} {task_id}", metrics.get("successes"), metrics.get("sum_rewards")
     if not (isinstance(successes, list) and isinstance(rewards, list) and len(successes) == len(rewards)):
         raise ValueError(f"{name} has no lists successes and sum_rewards of one length")

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from benchmark.settings.limits import MOST_LAMBDA
 from benchmark.settings.setting import SettingError
+from richmap.given_files import given_yaml
 
 
 def scales_file(folder: str, task: str) -> Path:
@@ -20,14 +20,15 @@ def read_scales(file: Path) -> dict[str, dict[str, Any]]:
         SettingError: If it is damaged.
     """
     try:
-        said = yaml.safe_load(file.read_text()) if file.exists() else None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        said = given_yaml(file) if file.exists() else None
+    except ValueError as error:
         raise SettingError(f"{file} is damaged ({error}). Choose the scales anew: benchmark.choose_scales.") from error
     said = {} if said is None else said
-    if not isinstance(said, dict) or not all(_is_chosen(each) for each in said.values()):
+    if not isinstance(said, dict) or not all(isinstance(name, str) and _is_chosen(each) for name, each in said.items()):
         raise SettingError(f"{file} is damaged: it has no scale of each method. Choose anew: benchmark.choose_scales.")
     return said
 
 
 def _is_chosen(said: object) -> bool:
-    return isinstance(said, dict) and isinstance(said.get("scale"), int | float)
+    scale = said.get("scale") if isinstance(said, dict) else None
+    return isinstance(scale, int | float) and not isinstance(scale, bool) and 0 <= scale <= MOST_LAMBDA

@@ -26,7 +26,7 @@ from benchmark.settings.setting import (
     settings_of,
 )
 from benchmark.settings.typed import typed
-from richmap.outputs import OF_DISKS, CacheError, DrawingError
+from richmap.outputs import OF_DISKS, CacheError, DrawingError, FileRefusedError
 
 __all__ = ["CONF", "SettingError", "check_setting", "file_groups", "register", "run_command", "typed"]
 
@@ -100,7 +100,7 @@ def run_command[Config](
         sys.stdout.flush()
     except BrokenPipeError:  # Whoever read what is printed, such as `head`, has seen enough.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except (SettingError, CacheError, DrawingError) as error:
+    except (SettingError, CacheError, DrawingError, FileRefusedError) as error:
         _refuse(error)
     except HydraException as error:
         _refuse(_in_our_words(error))

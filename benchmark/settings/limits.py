@@ -19,6 +19,7 @@ EPISODE_SECONDS = 0.3
 ENVIRONMENT_GB = 0.02
 """Memory of one environment, in [GB]."""
 
+LARGEST_SEED = 2**63 - 1
 MOST_EPISODES, MOST_ENVIRONMENTS, MOST_BATCH, MOST_LAMBDA = 1_000_000, 1000, 65_536, 10_000
 
 
@@ -40,7 +41,7 @@ def check_limits(values: Mapping[str, Any], settings: Mapping[str, Setting]) -> 
             for each in value:
                 if isinstance(each, str):
                     _check_text(name, each)
-            for each in value if name == "scale" else []:
+            for each in value if name in ("scale", "seeds") else []:
                 _check_number(name, each, "")
         elif isinstance(value, int | float) and not isinstance(value, bool):
             _check_number(name, value, "training " if "steps" in settings else "")
@@ -76,6 +77,7 @@ def _check_number(name: str, value: float, of: str) -> None:
         ),
         "episodes": (MOST_EPISODES, f"of {EPISODE_SECONDS:g} s each: {value * EPISODE_SECONDS / 86400:,.0f} days"),
         "training batch_size": (MOST_BATCH, f"rows at once: {value * 4e-5:,.0f} GB"),
+        **dict.fromkeys(("seed", "seeds", "seed_start", "map.seed"), (LARGEST_SEED, "files hold 63 bits of it")),
         "lambda": (MOST_LAMBDA, "it is beyond every unit that a scale has"),
         "scale": (MOST_LAMBDA, "it is beyond every unit that a scale has"),
     }

@@ -87,6 +87,10 @@ def robot_field(default: str, choices: tuple[str, ...] = (*ROBOTS, "custom")) ->
     return field(default_factory=partial(RobotConfig, default), metadata={"choices": choices})
 
 
+MOST_TURNED = 100
+"""Of a joint's angle, in [rad]."""
+
+
 @dataclass
 class ArmConfig:
     """Single choices of an arm's setting, where they are not to be the setting's."""
@@ -121,6 +125,9 @@ class ArmConfig:
         steps = 10 * self.delay
         whole = 0 <= self.delay <= 1 and abs(steps - round(steps)) < 1e-9
         check_setting(whole, "arm.delay", self.delay, "tenths of a second from 0 to 1")
+        if self.posture is not None:
+            turned = all(abs(angle) <= MOST_TURNED for angle in self.posture)
+            check_setting(turned, "arm.posture", self.posture, f"angles in rad from -{MOST_TURNED} to {MOST_TURNED}")
         if base is not None:
             near = len(base) == 3 and all(abs(x) <= 1 for x in base)
             check_setting(near, "arm.base", base, "[x,y,z] in m, each from -1 to 1")

@@ -17,9 +17,11 @@ from jaxtyping import Bool, Float, Int
 from envs.arm.feasibility import followed
 from envs.arm.placed_arm import PlacedArm, rounded_posture
 from envs.arm.task_poses import TaskPoses
+from richmap.given_files import given_json
 from richmap.motion.collision import self_collision
 from richmap.motion.ground import lowest_points
 from richmap.motion.inverse_kinematics import ANGLE_TOLERANCE, POSITION_TOLERANCE, refine, starting_configurations
+from richmap.outputs import replacing
 
 VERSION = 1
 """Raised where another posture is found."""
@@ -47,9 +49,15 @@ def find_posture(arm: PlacedArm, poses: TaskPoses) -> PlacedArm:
     file = Path(platformdirs.user_cache_dir("richmap"), "postures", f"{arm.robot}-{key[:16]}.json")
     if not file.exists():
         posture = rounded_posture(best_posture(arm, poses))
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(json.dumps(posture))
-    return replace(arm, posture=tuple(json.loads(file.read_text())))
+        with replacing(file) as path:
+            path.write_text(json.dumps(posture))
+    try:
+        stored = np.array(given_json(file), dtype=float)
+        if stored.shape != (len(arm.description.joints),) or not np.isfinite(stored).all():
+            raise ValueError("it holds no angle of each joint")
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{file} is damaged ({error}). Delete it.") from error
+    return replace(arm, posture=tuple(stored.tolist()))
 
 
 def best_posture(arm: PlacedArm, poses: TaskPoses) -> Float[np.ndarray, " dof"]:

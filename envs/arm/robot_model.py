@@ -40,7 +40,7 @@ def register_arm(robot: RobotDescription, visual: bool, tool_length: float = TOO
         def __init__(self, idn: int = 0) -> None:
             with tempfile.TemporaryDirectory() as folder:
                 file = Path(folder, f"{robot.name}.xml")
-                file.write_text(_arm_xml(robot, visual))
+                file.write_text(_arm_xml(robot, visual), encoding="utf-8")
                 super().__init__(str(file), idn=idn)
 
         default_base = "NullMount"
@@ -82,7 +82,11 @@ def _arm_xml(robot: RobotDescription, visual: bool) -> str:
     for link in links:
         world.remove(link)
         base.append(link)
-    ET.SubElement(links[0], "site", name="right_center", rgba="0 0 0 0")
+    ET.SubElement(links[0] if links[0].tag == "body" else base, "site", name="right_center", rgba="0 0 0 0")
+    for pair in root.iter("exclude"):  # Where the arm's base is called world, its shapes are now the new base's.
+        for key in ("body1", "body2"):
+            if pair.get(key) == "world":
+                pair.set(key, "base")
     actuators = ET.SubElement(root, "actuator")
     for name in robot.joints:
         ET.SubElement(
@@ -118,7 +122,7 @@ def register_pusher(length: float) -> str:
         def __init__(self, idn: int | str = 0) -> None:
             with tempfile.TemporaryDirectory() as folder:
                 file = Path(folder, "pusher.xml")
-                file.write_text(_PUSHER_XML.format(length=length, middle=length / 2))
+                file.write_text(_PUSHER_XML.format(length=length, middle=length / 2), encoding="utf-8")
                 super().__init__(str(file), idn=idn)
 
         def format_action(self, action: Float[np.ndarray, "0"]) -> Float[np.ndarray, "0"]:

@@ -13,11 +13,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
 from richmap.counterparts.capability_map import JOINT_STEPS, CapabilityConstruction, CapabilityMap
-from richmap.files import FileRefusedError
 from richmap.geometry.grid import Grid
 from richmap.geometry.rotations import quaternions_of
 from richmap.motion.kinematics import flange_frames
 from richmap.motion.sampling import sample_workspace
+from richmap.outputs import FileRefusedError
 from richmap.robots.robot import RobotDescription
 from richmap.worker import worker_pool
 

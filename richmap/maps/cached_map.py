@@ -11,12 +11,11 @@ from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from richmap.cache import cached, fingerprint, seconds
-from richmap.files import FileRefusedError
 from richmap.geometry.grid import Grid
 from richmap.maps import construction
 from richmap.maps.construction import BuildProgress
 from richmap.maps.reachability_map import Construction, ReachabilityMap
-from richmap.outputs import CacheError
+from richmap.outputs import CacheError, FileRefusedError
 from richmap.progress import SpokenProgress
 from richmap.robots.robot import RobotDescription
 

@@ -16,14 +16,14 @@ from time import perf_counter
 
 import numpy as np
 
-from richmap.files import FileRefusedError
 from richmap.geometry.grid import Grid
+from richmap.given_files import given_json
 from richmap.maps.insertion import Inserter
 from richmap.maps.reachability_map import Construction, ReachabilityMap
 from richmap.motion.kinematics import way_about_z
 from richmap.motion.kinematics_check import check_kinematics
 from richmap.motion.sampling import Orbits, roll_gap, sample_workspace
-from richmap.outputs import replacing
+from richmap.outputs import FileRefusedError, replacing
 from richmap.robots.robot import RobotDescription
 from richmap.worker import start_worker, worker_pool
 
@@ -231,8 +231,9 @@ def _resume(folder: Path, inserter: Inserter, construction: Construction) -> tup
     if not file.exists():
         return construction, 0.0
     try:
-        state = json.loads(file.read_text())
+        state = given_json(file)
         of, inserted, reached = state["of"], state["inserted"], Construction.from_dict(state["reached"])
+        seconds = float(state["seconds"])
     except (KeyError, TypeError, ValueError) as error:
         raise FileRefusedError(f"{file} is damaged ({error!r}). Delete {folder}.") from error
     if of != _identity(inserter.grid, construction):
@@ -240,7 +241,7 @@ def _resume(folder: Path, inserter: Inserter, construction: Construction) -> tup
     if 0 < construction.target < inserted:
         return construction, 0.0  # It went too far; this build begins anew.
     inserter.resume(inserted, reached.offered)
-    return replace(reached, stop_rate=construction.stop_rate, target=construction.target), state["seconds"]
+    return replace(reached, stop_rate=construction.stop_rate, target=construction.target), seconds
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 """Self-collision of an arm, decided exactly on the triangles of its collision meshes."""
 
 import tempfile
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -136,7 +137,7 @@ class SelfCollision:
     def pair_hits(self, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, "n pairs"]:
         """Which of `pairs` intersect in each configuration, in [rad]."""
         geometry = self._checking(self.pairs)
-        data, collisions = self._model.createData(), geometry.createData()
+        data, collisions = self._model.createData(), _independent(geometry.createData())
         pair_of = [i for i, pair in enumerate(self.pairs) for _ in self._object_pairs(pair)]
         hits = np.zeros((len(joints), len(self.pairs)), dtype=bool)
         for row, q in zip(hits, joints, strict=True):
@@ -162,6 +163,7 @@ class SelfCollision:
             return np.zeros(len(joints), dtype=bool)
         if id(geometry) not in self._pools:  # making one copies every mesh
             self._pools[id(geometry)] = pinocchio.GeometryPool(self._model, geometry, 1)
+            _independent(self._pools[id(geometry)].getGeometryData(0))
         pool = self._pools[id(geometry)]
         return np.array(pinocchio.computeCollisionsInParallel(1, pool, np.asfortranarray(joints.T), True))
 
@@ -264,6 +266,15 @@ def _collision_geometry(robot: RobotDescription, model: pinocchio.Model) -> pino
         file = Path(folder, "robot.urdf")
         file.write_text(robot.urdf, encoding="utf-8")
         return pinocchio.buildGeomFromUrdf(model, str(file), pinocchio.GeometryType.COLLISION)
+
+
+def _independent(collisions: pinocchio.GeometryData) -> pinocchio.GeometryData:
+    """The same, whose queries do not begin where the one before ended: between shapes without a mesh they would miss
+    some contact, and depend on what was asked before."""
+    with warnings.catch_warnings(category=DeprecationWarning, action="ignore"):
+        for request in collisions.collisionRequests:
+            request.enable_cached_gjk_guess = False  # What Coal names in its place does not turn it off.
+    return collisions
 
 
 def _with_pairs(geometry: pinocchio.GeometryModel, pairs: list[tuple[int, int]]) -> pinocchio.GeometryModel:

@@ -14,7 +14,8 @@ import platformdirs
 from filelock import FileLock
 from jaxtyping import Float
 
-from richmap.files import FileRefusedError, load_arrays, save_arrays
+from richmap.files import load_arrays, save_arrays
+from richmap.outputs import FileRefusedError
 from richmap.robots.robot import RobotDescription
 from richmap.robots.robots import load_robot, robot_file
 from richmap.robots.shape import Shape

@@ -54,7 +54,7 @@ def arm_spec(robot: RobotDescription, visual: bool = False) -> mujoco.MjSpec:
                 spec.add_exclude(bodyname1=a, bodyname2=b)
     for a, b in checked:
         if robot.depth[b] - robot.depth[a] == 1:  # MuJoCo leaves these out, unless it is told of each.
-            for i, j in product(range(len(parts[a])), range(len(parts[b]))):
+            for i, j in product(range(len(parts.get(a, ()))), range(len(parts.get(b, ())))):
                 spec.add_pair(geomname1=f"{a}_part{i}", geomname2=f"{b}_part{j}")
     if visual:
         add_visual_meshes(spec, robot)

@@ -81,8 +81,13 @@ def _named_files(name: str, file: Path) -> Iterator[Path]:
     folder = None
     for folder in package_folders(package, file):
         yield folder / inside
-    if folder is None:  # A copy under another name, perhaps, without its package.xml.
+    if folder is None and _is_nameless(file):  # A copy under another name, perhaps.
         yield from (each / inside for each in file.parents if (each / inside).is_file())
+
+
+def _is_nameless(file: Path) -> bool:
+    """Whether no `package.xml` says which package a file is of."""
+    return not any(map(_named, file.parents))
 
 
 def expanded(file: Path) -> ET.Element:
@@ -114,7 +119,7 @@ def _finding(file: Path) -> Iterator[None]:
 
     def get_package_share_directory(name: str) -> str:
         beside_urdf = (folder for folder in file.parents if (folder / "urdf").is_dir())  # a copy under another name
-        for folder in (*package_folders(name, file), *beside_urdf):
+        for folder in (*package_folders(name, file), *(beside_urdf if _is_nameless(file) else ())):
             return str(folder)
         raise ValueError(f"there is no package {name!r} in the folders above it, AMENT_PREFIX_PATH or ROS_PACKAGE_PATH")
 

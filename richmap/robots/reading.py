@@ -202,13 +202,25 @@ def _add_beside(whole: ET.Element, chain: list[str], root: ET.Element, path: Pat
     return notes
 
 
+def _number(link: ET.Element, of: ET.Element | None, name: str) -> float:
+    """A number that an element of a link's says; 0 if it does not."""
+    said = "0" if of is None else of.get(name, "0")
+    try:
+        return float(said)
+    except ValueError as error:
+        raise ValueError(f"link {link.get('name')!r}: <{of.tag} {name}={said!r}> is no number. Write one.") from error
+
+
 def _add_missing_inertia(root: ET.Element) -> None:
     """So that MuJoCo takes the arm."""
     moved = {joint.find("child").get("link") for joint in root.findall("joint") if joint.get("type") != "fixed"}
     for link in root.iter("link"):
         mass, inertia = (link.find(f"inertial/{tag}") for tag in ("mass", "inertia"))
-        weight = 0.0 if mass is None else float(mass.get("value"))
-        whole = inertia is not None and all(float(inertia.get(f"i{axis}{axis}", 0)) > 0 for axis in "xyz")
+        weight = _number(link, mass, "value")
+        whole = inertia is not None and all(_number(link, inertia, f"i{axis}{axis}") > 0 for axis in "xyz")
+        for product in () if inertia is None else ("ixy", "ixz", "iyz"):
+            if product not in inertia.attrib:
+                inertia.set(product, "0")
         if link.get("name") in moved and not (weight > 0 and whole):
             for empty in link.findall("inertial"):
                 link.remove(empty)

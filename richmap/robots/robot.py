@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
+from xml.sax.saxutils import escape
 
 import numpy as np
 from jaxtyping import Float
@@ -130,7 +131,8 @@ class RobotDescription:
         text = self.urdf
         files = {str(shape.file) for shapes in self.shapes.values() for shape in shapes if shape.file}
         for file in sorted(files, key=len, reverse=True):  # One name may begin another.
-            text = text.replace(file, hashlib.sha256(Path(file).read_bytes()).hexdigest())
+            for written in {file, escape(file, {'"': "&quot;"})}:
+                text = text.replace(written, hashlib.sha256(Path(file).read_bytes()).hexdigest())
         more = [json.dumps(self.unchecked)] if self.unchecked else []
         if self.scale != 1:
             more.append(f"scale {self.scale!r}")

@@ -37,8 +37,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from richmap.given_files import given_yaml
 from richmap.robots import SETTINGS, corrections
 from richmap.robots.reading import read_arm
 from richmap.robots.robot import RobotDescription
@@ -91,7 +90,7 @@ class RobotFile:
             ValueError: If it cannot be read, or says what it cannot.
         """
         try:
-            said = yaml.safe_load(path.read_text(encoding="utf-8"))
+            said = given_yaml(path)
             if not isinstance(said, dict) or not {"file", "base", "end_effector"} <= said.keys() <= KEYS:
                 raise ValueError(f"It says file, base and end_effector, and may say {', '.join(sorted(KEYS))}.")
             branches = {name: _branch(**each) for name, each in said.pop("branches", {}).items()}
@@ -103,7 +102,7 @@ class RobotFile:
                 raise ValueError(f"scale is a number above 0. Got {scale}.")
             if unknown := {each.branch for each in settings.values()} - branches.keys():
                 raise ValueError(f"A setting is in branch {unknown.pop()!r}, and branches are {', '.join(branches)}.")
-        except (OSError, yaml.YAMLError, TypeError, AttributeError, ValueError) as error:
+        except (OSError, TypeError, AttributeError, ValueError) as error:
             raise ValueError(f"{path} is no arm's file: {error}") from error
         return cls(path, said, branches, settings, scale)
 

@@ -56,8 +56,21 @@ def make_turns_full(root: ET.Element) -> None:
 
 def make_limits_whole(root: ET.Element) -> None:
     """Give limits the effort and velocity that URDF asks for and nothing here reads."""
-    for limit in root.iter("limit"):
-        limit.attrib = {"effort": "0", "velocity": "0", **limit.attrib}
+    for joint in root.iter("joint"):
+        for limit in joint.findall("limit"):
+            limit.attrib = {"effort": "0", "velocity": "0", **limit.attrib}
+            for name in ("effort", "velocity"):
+                if not _is_limit(limit.get(name, "")):
+                    raise ValueError(
+                        f"joint {joint.get('name')!r}: <limit {name}={limit.get(name)!r}> is no number >= 0. Write one."
+                    )
+
+
+def _is_limit(text: str) -> bool:
+    try:
+        return float(text) >= 0
+    except ValueError:
+        return False
 
 
 def multiply_lengths(root: ET.Element, factor: float) -> None:

@@ -3,9 +3,10 @@
 import json
 from pathlib import Path
 
-from richmap.files import FileRefusedError, reading, texts_of
+from richmap.files import reading, texts_of
 from richmap.geometry.grid import Grid
 from richmap.maps.reachability_map import ReachabilityMap
+from richmap.outputs import FileRefusedError
 from richmap.similarity.arm_value import ArmValue
 from richmap.similarity.directional import DirectionalCoverage, DirectionalEnergy
 from richmap.similarity.energy import EnergyField
