@@ -72,7 +72,10 @@ def chosen_rows(config: ReplayConfig) -> "pd.DataFrame":
     path = Path(config.table)
     table = read_tables(path, chosen_task(config.task).name)
     if table.empty:
-        raise SettingError(f"table={path} has no episodes. Make some: python -m benchmark.run")
+        raise SettingError(
+            f"table={path} has no episodes of task={config.task}. Name another task=…, or make some: "
+            "python -m benchmark.run"
+        )
     if lacking := {*IDENTITY, *column_types(Condition)} - {*table.columns}:
         raise SettingError(f"table={path} lacks the columns {', '.join(sorted(lacking))}: its rows cannot be replayed.")
     if config.random:
@@ -80,7 +83,10 @@ def chosen_rows(config: ReplayConfig) -> "pd.DataFrame":
     ids = [row_id(row) for row in table[IDENTITY].to_dict("records")]
     rows = table[[each.startswith(config.row) for each in ids]]
     if rows.empty:
-        raise SettingError(f"table={path} has no row {config.row}: it has {len(table):,} rows, such as row={ids[0]}.")
+        raise SettingError(
+            f"table={path} has no row {config.row} of task={config.task}: it has {len(table):,} rows of it, such as "
+            f"row={ids[0]}. Rows of another task need task=…"
+        )
     return rows
 
 
