@@ -39,6 +39,8 @@ BAD = {
     "checkpoint=0": "Allowed: a whole number >= 1",
     "experiment=mine": "experiment=mine is not allowed. Allowed: methods, tables, transfer.",
     "robot": "not setting=value",
+    "robot=null": "Config group override must be a string",
+    "~robot": "~robot would take a setting away. Give it a value: robot=value.",
     "robot=[ur3": "robot=[ur3 cannot be read",
     "robot=ür3": "or with a letter beyond a to z, stands in two pairs of quotes: 'robot=\"ür3\"'.",
     "--lambda": "There is no flag --lambda. A setting is written without dashes: lambda=value.",

@@ -90,6 +90,8 @@ def checked(overrides: Iterable[str], known: Mapping[str, Setting], name: str, s
         if not equals and not override.startswith("~"):
             raise SettingError(f"{override!r} is not setting=value. {_where(name)}")
         if not key.startswith("hydra"):
+            if override.startswith("~"):
+                raise SettingError(f"{override} would take a setting away. Give it a value: {key}=value.")
             if key not in known:
                 close = [FORMER[key]] if key in FORMER else difflib.get_close_matches(key, known, n=1)
                 hint = f"Did you mean {close[0]!r}? " if close else ""
