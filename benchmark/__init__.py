@@ -21,3 +21,7 @@ def __getattr__(name: str) -> Any:
     if name not in _FACE:
         raise AttributeError(f"module 'benchmark' has no attribute {name!r}. It has: {', '.join(__all__)}")
     return getattr(importlib.import_module(_FACE[name]), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

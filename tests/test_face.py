@@ -18,6 +18,14 @@ def test_every_name_is_there():
             _ = module.nothing_of_this_name
 
 
+def test_a_map_is_of_a_description_and_has_a_size():
+    with pytest.raises(TypeError, match=r"richmap.load_robot gives it for a name. Got 'ur3'"):
+        richmap.build_map("ur3")
+    for wrong in ({"cell_size": 0}, {"theta": -1}, {"half_width": float("nan")}):
+        with pytest.raises(ValueError, match="is a number above 0"):
+            richmap.build_map(richmap.load_robot("ur3"), **wrong)
+
+
 @pytest.mark.system
 def test_a_map_is_built_once_asked_saved_and_compared(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))

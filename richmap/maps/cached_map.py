@@ -1,5 +1,6 @@
 """Maps from the cache of the user's account, built first if they are not there."""
 
+import math
 import shutil
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -65,9 +66,15 @@ def build_map(
         only_cached: Whether a map that is not in the cache is not to be built.
 
     Raises:
+        TypeError: If the arm is no description.
         CacheError: If the map is not in the cache, and that cannot be written to, or it is not to be built.
-        ValueError: If the arm cannot be mapped so.
+        ValueError: If the arm cannot be mapped so, or a setting has a value that it cannot have.
     """
+    if not isinstance(robot, RobotDescription):
+        raise TypeError(f"robot is a description, as richmap.load_robot gives it for a name. Got {robot!r}")
+    for name, value in (("cell_size", cell_size), ("theta", theta), ("half_width", half_width)):
+        if not 0 < value < math.inf:
+            raise ValueError(f"{name} is a number above 0. Got {value}")
     console = console or Console()
     grid = Grid.around_base(cell_size, half_width, z_offset).moved(np.array(base))
     asked = Construction(
