@@ -19,7 +19,7 @@ def test_every_name_is_there():
 
 
 def test_cells_of_a_map_have_a_size():
-    for wrong in ({"cell_size": 0}, {"theta": -1}, {"half_width": float("nan")}):
+    for wrong in ({"cell_size": 0.0}, {"theta": -1.0}, {"half_width": float("nan")}):
         with pytest.raises(ValueError, match="is a number above 0"):
             richmap.build_map(richmap.load_robot("ur3"), **wrong)
 
