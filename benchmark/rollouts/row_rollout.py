@@ -173,7 +173,8 @@ def row_settings(row: Mapping[str, Any], config: ReplayConfig, guided: bool) -> 
     """
     batch = row["batch_size"]
     check_setting(1 <= batch <= MOST_ENVIRONMENTS, "batch_size", batch, f"1 to {MOST_ENVIRONMENTS}")
-    check_setting(row["episode_seed"] >= 0, "episode_seed", row["episode_seed"], "a whole number >= 0")
+    seed = row.get("episode_seed", 0)
+    check_setting(seed >= 0, "episode_seed", seed, "a whole number >= 0")
     kind = METHODS[row["method"]].field if row["method"] in METHODS else None
     of_map_s_cells = kind in MAPS and kind not in AT_ONE_HEIGHT  # Those have cells of their own.
     arm = ArmConfig(**choices_of(row))

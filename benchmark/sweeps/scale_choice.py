@@ -68,7 +68,7 @@ class ChooseScalesConfig:
         scale as many scenes as the budget has."""
         names = {each.name for each in fields(RunConfig)}
         given = {name: getattr(self, name) for name in vars(self) if name in names}
-        whole = RunConfig(method=method, conditions=suite_conditions(self.suite), **given)
+        whole = RunConfig(method=method, guidance_scale=0.0, conditions=suite_conditions(self.suite), **given)
         parts = [part for part in whole.parts if not whole.idle(part.task)]
         rows = [(self.points + 1) * len(part.conditions) * len(self.seeds) for part in parts]
         scenes = [max(1, BUDGET // each) for each in rows]
