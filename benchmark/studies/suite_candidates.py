@@ -50,7 +50,7 @@ class CandidatesConfig:
 TEXT = """# Which conditions the suite is made of
 
 Validation scenes alone ({first} to {last}); made by `python -m benchmark.studies.suite_candidates` from rows of
-`python -m benchmark.run -m suite=candidates method=direct,plain_oracle,aware_oracle`. {score} in
+`python -m benchmark.run -m suite=candidates method=direct,plain_oracle,aware_oracle episodes=50`. {score} in
 percent with 95 % intervals for other trainings and other scenes; n is of direct transfer. The ceiling is
 cross-validated over policies ([protocol](../docs/protocol.md)).
 
