@@ -164,6 +164,17 @@ def test_a_signal_that_a_library_swallows_ends_a_command_all_the_same(number, st
     assert (ended.returncode, ended.stderr) == (status, "Interrupted.\n")
 
 
+def test_what_a_shell_runs_in_the_background_is_not_interrupted():
+    """A script's Ctrl-C reaches it, and is ignored as the shell says."""
+    code = (
+        SWALLOWS.replace("time.sleep(60)", "raise")
+        .replace("import os,", "import signal, os,")
+        .replace("number, command", "signal.signal(signal.SIGINT, signal.SIG_IGN)\nnumber, command")
+    )
+    ended = subprocess.run([sys.executable, "-c", code, "2"], cwd=ROOT, capture_output=True, text=True)
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
 def test_a_cache_that_cannot_be_written_to_is_said_how_to_replace(give, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", "/x")
 

@@ -98,7 +98,7 @@ def checkpoint_folder(seed: int, rank: int = 1, recipe: str = USUAL, task: str =
     none = "none (those that ship lie in the project's own folder: type the command there)"
     why = ": its rows are published, but of each seed only the best policy ships" if name in published(task) else ""
     command = "" if task == RunConfig.task else f"task={task} "
-    if not chosen_task(task).demonstrator:
+    if not (there or chosen_task(task).demonstrator):
         raise SettingError(
             f"task={task} has no policy here, and nothing to learn one from. Name one: policy=path/to/checkpoint, or "
             "play without any: method=plain_oracle."

@@ -203,7 +203,9 @@ def _dataset(root: Path, feature: str) -> _Table:
     """Every feature of a LeRobotDataset whose numbers have names; the most likely ones first."""
     try:
         info = given_json(root / "meta" / "info.json")
-        files = sorted(file for file in root.glob("data/**/*.parquet") if file.is_file())
+        files = sorted(root.glob("data/**/*.parquet"))
+        if pipes := [file for file in files if not file.is_file()]:  # To open one would wait for its writer.
+            raise ValueError(f"{pipes[0]} is no file")
         rows = pd.concat([pd.read_parquet(each) for each in files], ignore_index=True)
         fps, features = float(info["fps"]), dict(info["features"])
         episodes = rows["episode_index"].to_numpy()

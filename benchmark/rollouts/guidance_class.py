@@ -137,7 +137,7 @@ def _check_places(theirs: "Guidance", where: str) -> None:
             raise SettingError(f"{where}.{name} would never be asked. Give the class {way_out}.")
 
     for name in OURS:
-        if getattr(type(theirs), name) is not getattr(Guidance, name):
+        if name in vars(theirs) or getattr(type(theirs), name) is not getattr(Guidance, name):
             raise SettingError(
                 f"{where}.{name} would never be asked: a class of a file runs in a process of its own, and is asked "
                 f"once a chunk or a denoising step. Places to act: {', '.join(PLACES)}. A method that is declared in "

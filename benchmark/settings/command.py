@@ -72,7 +72,8 @@ def run_command[Config](
         goes_on: Whether it stores what it finishes, and goes on from there when it is called again.
     """
     gone_on = [GONE_ON] * goes_on
-    signal.signal(signal.SIGINT, _raising(KeyboardInterrupt))
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # As a shell has it for what runs in the background.
+        signal.signal(signal.SIGINT, _raising(KeyboardInterrupt))
     signal.signal(signal.SIGTERM, _raising(_Terminated))
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises instead of printing.
     spec = sys.modules["__main__"].__spec__

@@ -55,7 +55,11 @@ def make_turns_full(root: ET.Element) -> None:
 
 
 def make_limits_whole(root: ET.Element) -> None:
-    """Give limits the effort and velocity that URDF asks for and nothing here reads."""
+    """Give limits the effort and velocity that URDF asks for and nothing here reads.
+
+    Raises:
+        ValueError: If one is no number from 0 on, which no parser of URDF takes.
+    """
     for joint in root.iter("joint"):
         for limit in joint.findall("limit"):
             limit.attrib = {"effort": "0", "velocity": "0", **limit.attrib}
