@@ -1,5 +1,6 @@
 """Classes of guidance from strangers: whatever they do, it is said in a line, and stays in a process of their own."""
 
+import dataclasses
 import os
 import subprocess
 import sys
@@ -101,6 +102,38 @@ def test_it_has_no_network_and_reaches_no_process_of_ours(tmp_path, houses):
     with pytest.raises(SettingError, match="raised ProcessLookupError"):
         stranger(tmp_path, *lines).make(1.0, None, (0.0, 0.0), 0).correct(CHUNK, STATE)
     assert watching.is_running()
+
+
+@pytest.mark.skipif(
+    subprocess.run([sys.executable, "-c", ALONE.replace("NEWPID", "NEWNS")], capture_output=True).returncode != 0,
+    reason="this system lets no folder be kept from a process",
+)
+@pytest.mark.parametrize(
+    "line",
+    [
+        "open(ROWS + '/forged', 'w')",
+        "open(os.path.relpath(ROWS) + '/forged', 'w')",
+        "open('/proc/self/root' + ROWS + '/forged', 'w')",
+        "open(f'/proc/{OURS}/root{ROWS}/forged', 'w')",
+        "os.rename(ROWS, ROWS + '-moved')",
+        "os.rename(os.path.dirname(ROWS), os.path.dirname(ROWS) + '-moved')",
+        "ctypes.CDLL(None).umount2(ROWS.encode(), 2), open(ROWS + '/forged', 'w')",
+        "ctypes.CDLL(None).mount(None, ROWS.encode(), None, 4096 | 32, None), open(ROWS + '/forged', 'w')",
+        "os.unshare(os.CLONE_NEWUSER | os.CLONE_NEWNS), ctypes.CDLL(None).umount2(ROWS.encode(), 2), "
+        "ctypes.CDLL(None).mount(None, ROWS.encode(), None, 4096 | 32, None), open(ROWS + '/forged', 'w')",
+        "subprocess.run(['sh', '-c', 'umount ' + ROWS]), open(ROWS + '/forged', 'w')",
+    ],
+    ids=["written", "relative", "root", "ours", "moved", "above", "unmounted", "remounted", "nested", "shell"],
+)
+def test_it_cannot_change_the_folder_of_its_rows(tmp_path, line):
+    rows = tmp_path / "outputs" / "mine"
+    rows.mkdir(parents=True)
+    (rows / "part").write_text("true")
+    of = stranger(tmp_path, f"import subprocess; ROWS, OURS = {str(rows)!r}, {os.getpid()}", line)
+    with pytest.raises(SettingError, match="raised (OSError|PermissionError)"):
+        dataclasses.replace(of, kept=rows).make(1.0, None, (0.0, 0.0), 0).correct(CHUNK, STATE)
+    assert [(each.name, each.read_text()) for each in rows.iterdir()] == [("part", "true")]
+    (rows / "ours").write_text("We still can.")
 
 
 def test_what_it_prints_is_shown_up_to_a_limit(tmp_path, capfd):

@@ -170,8 +170,8 @@ def test_it_begins_with_how_methods_rank_and_what_they_gain_on_each_condition(op
     assert seen[:3] == ["How to read it", "Which method gains most", "methods"]
     assert seen.index("methods") < seen.index("ranking") < seen.index("curves") < seen.index("causes")
     assert seen[-1] == "How to submit"
-    led = "return [...document.querySelectorAll('nav a')].map(x => [x.textContent, document.querySelector(x.hash).textContent])"
-    assert all(title in text for title, text in browser.execute_script(led))
+    led = "[...document.querySelectorAll('nav a')].map(x => [x.text, document.querySelector(x.hash).textContent])"
+    assert all(title in text for title, text in browser.execute_script(f"return {led}"))
     shown, ranking = ranked(browser), mine.ranking.set_index("method")
     assert [*shown][-2:] == ["direct", "ceiling"] and len(shown) == len(mine.methods) + 2 == 5
     assert [name.split()[0] for name in shown][:-2] == [*mine.methods.method]

@@ -5,10 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from richmap.physics.convex_parts import THINNEST, convex_parts, thickness
+from richmap.physics.convex_parts import convex_parts
 from richmap.physics.mujoco_model import arm_spec, kinematic_spec
 from richmap.robots.robot_file import RobotFile
 from richmap.robots.robots import ROBOTS, load_robot, robot_file
+from richmap.robots.shape import THINNEST, thickness
 from tests.eight_arms import EIGHT
 
 FINGERPRINTS = {
@@ -76,7 +77,7 @@ def test_somebodys_arm_is_a_file_beside_its_model(tmp_path):
     "text, message",
     [
         ("{file: a.urdf, base: foot}", "It says file, base and end_effector"),
-        ("{file: a.urdf, base: foot, end_effector: tip, colour: red}", "may say approach, as_given, base, branches"),
+        ("{file: a.urdf, base: foot, end_effector: tip, colour: red}", "may say approach, arguments, as_given, base"),
         ("{file: a, base: b, end_effector: c, settings: {best: {branch: up}}}", "in branch 'up'"),
         (
             "{file: a, base: b, end_effector: c, settings: {embodyed: {branch: up}}}",

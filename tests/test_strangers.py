@@ -214,6 +214,12 @@ def test_what_is_left_out_is_named(arm):
 
 
 @pytest.mark.system
+def test_a_link_without_a_volume_is_named(arm):
+    for height, named in (("0.00005", True), ("0.0002", False)):
+        said = " ".join(remarks(arm(urdf(mesh=f'<box size="0.04 0.04 {height}"/>'))))
+        assert ("thinner than 0.1 mm, which touch nothing in the simulator: upper." in said) == named
+
+
 def test_the_approach_direction_can_be_another_axis(arm):
     text = urdf(fixed("tool", "tool_x", "0 0 0.05", "0 -1.5707963267948966 0"))
     plain = arm(text, "tool_x")
@@ -326,6 +332,36 @@ def test_xacro_is_expanded_without_ros(arm, clone):
         arm(text.replace("mini_description", "gone"), name="arm.xacro")
     with pytest.raises(ValueError, match="two underscores"):
         arm(text.replace("${size}", "${(lambda: ().__class__)()}"), name="arm.xacro")
+
+
+def test_arguments_of_a_xacro_file_are_given(arm):
+    plain = urdf(mesh='<sphere radius="0.06"/>')
+    asks = XACRO + '<xacro:arg name="unit" default="3"/>'
+    text = urdf(mesh='<sphere radius="${0.02 * $(arg unit)}"/>').replace('<robot name="mini">', asks)
+    text = text.replace("</robot>", '<link name="$(arg size)"/></robot>')
+    given = {"name": "arm.xacro", "arguments": "size:=small"}
+    assert arm(text, **given).fingerprint == arm(plain).fingerprint
+    doubled = arm(text, name="arm.xacro", arguments="size:=small  unit:=6")
+    assert doubled.fingerprint == arm(plain.replace("0.06", "0.12")).fingerprint
+    for arguments, message in (
+        ("", 'cannot be expanded: .*size.* Arguments are given as in arguments="name:=value other:=value"'),
+        ("size:=small untie:=6", "it has no argument 'untie'. Its arguments: size, unit"),
+        ("size=small", "argument 'size=small' is not name:=value"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            arm(text, name="arm.xacro", arguments=arguments)
+    with pytest.raises(ValueError, match="are of a xacro file, and .*arm.urdf is none"):
+        arm(plain, name="arm.urdf", arguments="size:=small")
+
+
+def test_an_end_of_limits_that_is_left_out_is_zero(arm):
+    """As URDF's standard says."""
+    both, text = '<limit lower="-2" upper="2"', urdf()
+    for one, lower, upper in (('<limit upper="2"', 0.0, 2.0), ('<limit lower="-2"', -2.0, 0.0)):
+        robot = arm(text.replace(both, one, 1))
+        assert (robot.lower[0], robot.upper[0]) == (lower, upper)
+    with pytest.raises(ValueError, match="has limits None to None"):
+        arm(text.replace(both, "<limit", 1))
 
 
 def test_the_unit_of_a_collada_file_is_read(arm, tmp_path):

@@ -191,17 +191,18 @@ class Entry:
             config = replace(config, sampler=sampler, sampling_steps=steps)
         field, path = guidance_field(self.kind, arm, config.map, config.energy, config.workers, console)
         condition = make_condition(config, task, arm, self.method, about.scale, checkpoint, field, self.files_hash)
-        guidance = self.guidance(config.limits)
+        guidance = self.guidance(config.limits, Path(config.output_dir))
         if guidance is not None:
             guidance.make(about.scale, path, arm.base[:2], 0, task.space.action.width)
         return Rollout(task, arm, condition, checkpoint, path, guidance, self.kind)
 
-    def guidance(self, limits: LimitsConfig) -> GuidanceClass | None:
-        """Its class, if it brings one, and what that may take."""
+    def guidance(self, limits: LimitsConfig, rows: Path) -> GuidanceClass | None:
+        """Its class, if it brings one, and what that may take; it may not change the folder of its rows."""
         if not self.about.guidance:
             return None
         file, name = self.about.guidance.rsplit(":", 1)
-        return GuidanceClass(self._inside(file), name, limits.seconds, limits.memory, self.files_hash)
+        kept = rows if rows.is_dir() else None
+        return GuidanceClass(self._inside(file), name, limits.seconds, limits.memory, kept, self.files_hash)
 
     def _inside(self, path: str) -> Path:
         """A path of the folder's."""

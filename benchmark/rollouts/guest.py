@@ -19,6 +19,7 @@ import weakref
 from collections.abc import Iterator
 from functools import lru_cache
 from multiprocessing.connection import Connection, wait
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -117,9 +118,10 @@ class GuestProcess:
     Args:
         seconds: For the answers to a batch of episodes, in [s] of the clock.
         gigabytes: Of resident memory, with what it starts.
+        kept: Folder that it may not change.
     """
 
-    def __init__(self, seconds: float, gigabytes: float) -> None:
+    def __init__(self, seconds: float, gigabytes: float, kept: Path | None) -> None:
         self.seconds, self.left = seconds, START
         self.dropped: list[int] = []
         """Instances that nobody asks any more."""
@@ -131,7 +133,7 @@ class GuestProcess:
         ends = (theirs.fileno(), tells.fileno())
         one_thread = dict.fromkeys(["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"], "1")
         self._process = subprocess.Popen(
-            [sys.executable, "-u", "-c", command, *map(str, (*ends, gigabytes))],
+            [sys.executable, "-u", "-c", command, *map(str, (*ends, gigabytes, kept or ""))],
             stdin=subprocess.PIPE,  # It ends with this.
             pass_fds=ends,
             start_new_session=True,  # Ctrl-C is for us.
@@ -141,9 +143,10 @@ class GuestProcess:
         tells.close()
         self._channel, self._told = Connection(ours.detach()), told
         self._end = weakref.finalize(self, _end, self._process, self._channel, self._told)
-        _, alone = self.ask("A process for a class", 0, "start")
-        if alone != b"true" and multiprocessing.parent_process() is None:
-            print("This system lets no network be taken away from a class in a file: it has it.", file=sys.stderr)
+        _, said = self.ask("A process for a class", 0, "start")
+        has = [printable(each.encode()) for each in json.loads(said[:LONGEST_TEXT])]
+        if has and multiprocessing.parent_process() is None:
+            print(f"This system leaves a class in a file what it should not have: {', '.join(has)}.", file=sys.stderr)
 
     def ask(self, where: str, number: int, name: str, *arguments: object) -> tuple[bytes, bytes]:
         """What an instance answers: the kind of answer, and its bytes.
@@ -215,7 +218,7 @@ def class_attributes(of: Stranger) -> ClassAttributes:
 def _told_by(of: Stranger, name: str, *arguments: object) -> "tuple[GuestProcess, dict[str, Any]]":
     if not of.file.is_file():
         raise SettingError(f"There is no {of.file}, which should hold the guidance {of.name}.")
-    process = _process(of.seconds, of.gigabytes, of.version)
+    process = _process(of.seconds, of.gigabytes, of.kept, of.version)
     process.left = of.seconds
     _, said = process.ask(f"{of.file}: {of.name}", 0, name, of.file, of.name, *arguments)
     with _believed(of):
@@ -235,9 +238,9 @@ def _believed(of: Stranger) -> Iterator[None]:
 
 
 @lru_cache(maxsize=1)
-def _process(seconds: float, gigabytes: float, version: str) -> GuestProcess:
+def _process(seconds: float, gigabytes: float, kept: Path | None, version: str) -> GuestProcess:
     """The one for these limits and this version of a stranger's files."""
-    return GuestProcess(seconds, gigabytes)
+    return GuestProcess(seconds, gigabytes, kept)
 
 
 def _end(process: subprocess.Popen, channel: Connection, told: Connection) -> None:

@@ -1,6 +1,7 @@
 """What runs in the process of a stranger's class (`guest`): one that watches, and one in which the class is asked.
 
-Where the system allows it, the class is off the network, and sees and signals no process but those that it started.
+Where the system allows it, the class is off the network, sees and signals no process but those that it started, and
+cannot change the folder of its rows.
 """
 
 import contextlib
@@ -11,6 +12,7 @@ import resource
 import select
 import signal
 import time
+from pathlib import Path
 from typing import Any, NoReturn
 
 TICK, LOOK_AROUND = 0.05, 1.0
@@ -19,19 +21,24 @@ MOST_PROCESSES = 64
 """That a class may start."""
 MOST_PRINTED = 100_000
 """Of what a class prints, in bytes: what comes after that is thrown away."""
-PR_SET_PDEATHSIG, PR_SET_DUMPABLE, PR_SET_CHILD_SUBREAPER = 1, 4, 36  # Of linux/prctl.h.
+PR_SET_PDEATHSIG, PR_SET_DUMPABLE, PR_SET_CHILD_SUBREAPER, PR_SET_NO_NEW_PRIVS = 1, 4, 36, 38  # Of linux/prctl.h.
+MS_RDONLY, MS_REMOUNT, MS_BIND, MS_REC, MS_PRIVATE = 1, 32, 4096, 16384, 1 << 18  # Of linux/mount.h.
+MS_OF_STATVFS = {2: 2, 4: 4, 8: 8, 1024: 1024, 2048: 2048, 4096: 1 << 21}
+"""Flags of a mount as `statvfs` gives them, and as `mount` takes them, which may not drop any."""
+CAPABILITIES_3 = 0x20080522  # Of linux/capability.h.
 
 
-def main(channel: str, status: str, gigabytes: str) -> None:
+def main(channel: str, status: str, gigabytes: str, kept: str) -> None:
     """Start the class's process, and watch over it until it ends or standard input does, as it does with the parent.
 
     Args:
         channel: File descriptor over which the class is asked.
         status: File descriptor to which it is written how its process ended.
         gigabytes: Resident memory that it may have, with all that it starts.
+        kept: Folder that it may not change; empty for none.
     """
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    alone = _alone()
+    has = _leave(kept)
     ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
     ctypes.CDLL(None).prctl(PR_SET_DUMPABLE, 0)  # The class cannot write to this process, which has its limits.
     heard, printed = os.pipe()
@@ -42,7 +49,7 @@ def main(channel: str, status: str, gigabytes: str) -> None:
             os.dup2(printed, number)
         for end in (int(status), heard, printed):
             os.close(end)
-        _serve(int(channel), alone)
+        _serve(int(channel), has)
     for end in (int(channel), printed):
         os.close(end)
     reason = _watch(guest, float(gigabytes), heard)
@@ -52,10 +59,15 @@ def main(channel: str, status: str, gigabytes: str) -> None:
         os.write(int(status), len(said).to_bytes(4, "big") + said)  # As `multiprocessing.connection` reads it.
 
 
-def _alone() -> bool:
-    """Whether the system lets the process that comes next have no network and no other processes; so it is done."""
+def _leave(kept: str) -> list[str]:
+    """Take from the process that comes next the network, other processes, and the folder; gives what the system does
+    not let be taken."""
     user, group = os.getuid(), os.getgid()
-    for kinds in (os.CLONE_NEWNET | os.CLONE_NEWPID, os.CLONE_NEWNET):
+    for kinds in (
+        os.CLONE_NEWNET | os.CLONE_NEWPID | os.CLONE_NEWNS,
+        os.CLONE_NEWNET | os.CLONE_NEWPID,
+        os.CLONE_NEWNET,
+    ):
         try:
             os.unshare(os.CLONE_NEWUSER | kinds)
         except OSError:
@@ -63,8 +75,41 @@ def _alone() -> bool:
         for name, line in (("setgroups", "deny"), ("uid_map", f"{user} {user} 1"), ("gid_map", f"{group} {group} 1")):
             with contextlib.suppress(OSError), open(f"/proc/self/{name}", "w") as file:
                 file.write(line)
-        return True
-    return False
+        has = [] if kinds & os.CLONE_NEWPID else ["other processes"]
+        try:
+            if not kinds & os.CLONE_NEWNS:
+                raise OSError
+            _keep(Path(kept).resolve() if kept else None)
+        except OSError:
+            has += ["the folder of its rows"] if kept else []
+        return has
+    return ["the network", "other processes", *(["the folder of its rows"] if kept else [])]
+
+
+def _keep(folder: Path | None) -> None:
+    """Let nobody in this name space of mounts change the folder, or move it, or undo this.
+
+    Raises:
+        OSError: If the system does not let that be.
+    """
+    _mount(None, Path("/"), MS_REC | MS_PRIVATE)
+    if folder:
+        for each in [*reversed(folder.parents), folder][1:]:  # What something is mounted on cannot be moved.
+            _mount(each, each, MS_BIND | MS_REC)
+        flags = os.statvfs(folder).f_flag
+        there = sum(taken for given, taken in MS_OF_STATVFS.items() if flags & given)
+        _mount(None, folder, MS_BIND | MS_REMOUNT | MS_RDONLY | there)
+        os.chdir(os.getcwd())  # Which is still below all that.
+    libc = ctypes.CDLL(None, use_errno=True)
+    none = (ctypes.c_uint32 * 6)()
+    if libc.prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) or libc.capset((ctypes.c_uint32 * 2)(CAPABILITIES_3, 0), none):
+        raise OSError(ctypes.get_errno(), "capset")
+
+
+def _mount(source: Path | None, target: Path, flags: int) -> None:
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mount(source and os.fsencode(source), os.fsencode(target), None, ctypes.c_ulong(flags), None):
+        raise OSError(ctypes.get_errno(), "mount", str(target))
 
 
 def _watch(guest: int, gigabytes: float, heard: int) -> str:
@@ -120,20 +165,20 @@ def _end_all() -> None:
         psutil.wait_procs(left, timeout=1)
 
 
-def _serve(channel: int, alone: bool) -> NoReturn:
+def _serve(channel: int, has: list[str]) -> NoReturn:
     """Answer what is asked, until nothing is any more."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     os.setsid()
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     try:
-        _answer_all(channel, alone)
+        _answer_all(channel, has)
     except (EOFError, ConnectionError):
         pass
     finally:
         os._exit(0)
 
 
-def _answer_all(channel: int, alone: bool) -> NoReturn:
+def _answer_all(channel: int, has: list[str]) -> NoReturn:
     import random
     from multiprocessing.connection import Connection
 
@@ -152,7 +197,7 @@ def _answer_all(channel: int, alone: bool) -> NoReturn:
             made.pop(each, None)
         try:
             if name == "start":
-                answer = b"s" + json.dumps(alone).encode()
+                answer = b"s" + json.dumps(has).encode()
             elif name in ("make", "describe"):
                 file, called, *rest = arguments
                 stranger = GuidanceClass(file, called)

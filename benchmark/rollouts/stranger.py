@@ -17,6 +17,8 @@ class Stranger:
     """For the answers to a batch of episodes, in [s] of the clock."""
     gigabytes: float = 4.0
     """Of resident memory."""
+    kept: Path | None = None
+    """Folder that its process may read and not change, where the system allows that: of the rows."""
     version: str = ""
     """Hash of the files that it is made of; what is imported beside its file is imported once for each."""
 

@@ -41,9 +41,12 @@ class RobotConfig:
     ignore: list[list[str]] = field(default_factory=list, hash=False)
     """With robot=custom: further pairs of links that are not checked for collision, as in [[base,hand],[base,arm]]."""
 
+    arguments: str = ""
+    """With robot=custom: arguments of a xacro file, as in robot.arguments="name:=ur5e prefix:=a_"; empty for none."""
+
     def __post_init__(self) -> None:
         needed = ("path", "base", "end_effector")
-        for name in (*needed, "approach", "srdf", "ignore"):
+        for name in (*needed, "approach", "srdf", "ignore", "arguments"):
             value, custom = getattr(self, name), self.name == "custom"
             if value == "z":
                 continue
@@ -67,7 +70,9 @@ class RobotConfig:
         if self.name != "custom":
             return load_robot(self.name)
         try:
-            robot = custom_robot(self.path, self.base, self.end_effector, self.approach, self.srdf or None, self.ignore)
+            robot = custom_robot(
+                self.path, self.base, self.end_effector, self.approach, self.srdf or None, self.ignore, self.arguments
+            )
         except ValueError as error:
             raise SettingError(f"robot=custom: {error}") from error
         _introduce(robot)

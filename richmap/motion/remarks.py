@@ -9,6 +9,7 @@ from richmap.motion.sampling import roll_about_approach
 from richmap.robots.meshes import some_of
 from richmap.robots.reading import APPROACHES, approach_pose
 from richmap.robots.robot import RobotDescription
+from richmap.robots.shape import THINNEST, Shape, thickness
 
 ALONG = np.cos(np.radians(1))
 """Axes whose angle has a greater cosine are taken for parallel."""
@@ -94,12 +95,18 @@ def _collisions(robot: RobotDescription) -> list[str]:
     often = {pair: share for pair, share in check.touching.items() if share > OFTEN and pair not in check.in_contact}
     touching = ", ".join(f"{a} and {b} ({100 * share:.0f} %)" for (a, b), share in often.items())
     bare = [link for link in robot.links if link not in robot.shapes]
+    thin = [link for link, shapes in robot.shapes.items() if all(map(_is_thin, shapes))]
     lines = [
         f"Pairs of links that are checked for self-collision: {len(check.pairs)}. Of random configurations, "
         f"{100 * check.free_share:.1f} % are free. Left out since they always touch: {_pairs(check.in_contact)}. "
         f"Left out since they are neighbours, or the description or a setting says so: {_pairs(robot.unchecked)}. "
         f"Links without collision shapes: {some_of(bare) or 'none'}."
     ]
+    if thin:
+        lines.append(
+            f"Links thinner than {1000 * THINNEST:g} mm, which touch nothing in the simulator: {some_of(thin)}. Give "
+            "them shapes with a volume."
+        )
     if often:
         a, b = next(iter(often))
         lines.append(
@@ -107,6 +114,10 @@ def _collisions(robot: RobotDescription) -> list[str]:
             f"truth, say so: robot.ignore=[[{a},{b}]] or robot.srdf=<file>."
         )
     return lines
+
+
+def _is_thin(shape: Shape) -> bool:
+    return thickness(shape.triangles().vertices) < THINNEST
 
 
 def _pairs(pairs: list[tuple[str, str]] | tuple[tuple[str, str], ...]) -> str:

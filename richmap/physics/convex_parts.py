@@ -18,14 +18,11 @@ from richmap.files import load_arrays, save_arrays
 from richmap.outputs import FileRefusedError
 from richmap.robots.robot import RobotDescription
 from richmap.robots.robots import load_robot, robot_file
-from richmap.robots.shape import Shape
+from richmap.robots.shape import THINNEST, Shape, thickness
 
 FOLDER = Path(__file__).parents[1] / "robots" / "convex_parts"
 KIND, VERSION = "richmap.ConvexParts", 1
 PARTS_PER_LINK = 16
-THINNEST = 1e-4
-"""Parts thinner than this, in [m], are left out: MuJoCo refuses what it cannot give a volume."""
-
 CONVEX = 0.999
 """A closed mesh that fills its convex hull to at least this share is one part."""
 
@@ -80,13 +77,6 @@ def load_convex_parts(file: Path, robot: RobotDescription) -> ConvexParts:
         if thickness(arrays[name]) >= THINNEST:
             parts.setdefault(name.rpartition("/")[0], []).append(arrays[name])
     return parts
-
-
-def thickness(vertices: Float[np.ndarray, "v 3"]) -> float:
-    """Extent of a convex part along the axis on which its vertices spread least, in [m]."""
-    points = np.asarray(vertices, dtype=np.float64)
-    axes = np.linalg.svd(points - points.mean(0), full_matrices=False)[2]
-    return float(np.ptp(points @ axes[-1]))
 
 
 def fit_convex_parts(robot: RobotDescription, parts_per_link: int = PARTS_PER_LINK) -> ConvexParts:

@@ -104,6 +104,8 @@ def check_joints(root: ET.Element, path: Path) -> None:
             )
         if kind == "continuous":
             continue
+        if limit is not None and (limit.get("lower") is None) != (limit.get("upper") is None):
+            limit.attrib = {"lower": "0", "upper": "0"} | limit.attrib  # As URDF says of one that is left out.
         try:
             lower, upper = (float(limit.get(end)) for end in ("lower", "upper"))
         except (AttributeError, TypeError, ValueError):

@@ -15,6 +15,7 @@ def custom_robot(
     approach: str = "z",
     srdf: str | Path | None = None,
     ignore: Iterable[Sequence[str]] = (),
+    arguments: str = "",
 ) -> RobotDescription:
     """Description of an arm of your own.
 
@@ -31,6 +32,7 @@ def custom_robot(
         approach: That axis: x, y or z, or one of them with a minus.
         srdf: File that says which pairs of links never touch.
         ignore: Further pairs of links that are not checked for collision.
+        arguments: Of a xacro file, as in `name:=ur5e prefix:=left_`.
 
     Raises:
         ValueError: If there is no such file, frame or mesh, or the arm is none that maps are made of: joints that are
@@ -38,5 +40,5 @@ def custom_robot(
     """
     file = Path(path).expanduser().resolve()
     of_pairs = None if srdf is None else Path(srdf).expanduser().resolve()
-    robot = read_arm(file, base, end_effector, approach, of_pairs, ignore)
+    robot = read_arm(file, base, end_effector, approach, of_pairs, ignore, arguments=arguments)
     return replace(robot, name=f"custom-{file.stem}-{robot.fingerprint[:8]}")  # Files of one name are different arms.

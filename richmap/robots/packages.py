@@ -90,8 +90,32 @@ def _is_nameless(file: Path) -> bool:
     return not any(map(_named, file.parents))
 
 
-def expanded(file: Path) -> ET.Element:
+class _Arguments(dict[str, str]):
+    """Arguments of a xacro file, which remember what was asked for."""
+
+    def __init__(self, text: str) -> None:
+        for said in text.split():
+            name, given, value = said.partition(":=")
+            if not (name and given):
+                raise ValueError(f"argument {said!r} is not name:=value")
+            self[name] = value
+        self.given, self.asked = {*self}, set[object]()
+
+    def __contains__(self, name: object) -> bool:
+        self.asked.add(name)
+        return super().__contains__(name)
+
+    def __getitem__(self, name: str) -> str:
+        self.asked.add(name)
+        return super().__getitem__(name)
+
+
+def expanded(file: Path, arguments: str = "") -> ET.Element:
     """A xacro file with its macros expanded; `$(find package)` as in `package_folders`.
+
+    Args:
+        file: The file.
+        arguments: Its arguments, as in `name:=ur5e prefix:=left_`.
 
     Raises:
         ValueError: If that cannot be done.
@@ -99,16 +123,19 @@ def expanded(file: Path) -> ET.Element:
     import xacro
 
     try:
+        given = _Arguments(arguments)
         with _finding(file):
-            root = ET.fromstring(xacro.process_file(str(file)).toxml())
+            root = ET.fromstring(xacro.process_file(str(file), mappings=given).toxml())
+        if unknown := sorted(given.given - given.asked):
+            known = ", ".join(sorted(map(str, given.asked))) or "none"
+            raise ValueError(f"it has no argument {unknown[0]!r}. Its arguments: {known}")
         if left := [each.tag.rpartition("}")[2] for each in root.iter() if "xacro}" in each.tag]:
             raise ValueError(f"macros have the prefix xacro:, and {', '.join(sorted({*left}))} has another")
         return root
     except Exception as error:  # Expressions of the file raise what they raise.
         why = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(
-            f"{file} cannot be expanded: {why}. Where it needs arguments, expand it first, as in "
-            f"xacro {file.name} name:=value > robot.urdf"
+            f'{file} cannot be expanded: {why}. Arguments are given as in arguments="name:=value other:=value"'
         ) from error
 
 

@@ -40,6 +40,7 @@ def read_arm(
     put_right: Callable[[ET.Element], None] = lambda root: None,
     as_given: bool = False,
     known: bool = False,
+    arguments: str = "",
 ) -> RobotDescription:
     """The chain from base to end effector and what is fixed to its links, as `richmap.robots.custom` says.
 
@@ -54,13 +55,14 @@ def read_arm(
         as_given: Keep the chain's text as it stands, without what lies beside it and the pairs that never touch:
             what maps and episodes are of that were made before these were read.
         known: The meshes are those of a pinned package, and are not looked at one by one.
+        arguments: Of a xacro file, as in `name:=ur5e prefix:=left_`.
 
     Raises:
         ValueError: If that cannot be done.
     """
     if approach not in APPROACHES:
         raise ValueError(f"the approach direction is one of {', '.join(APPROACHES)}. Got {approach}.")
-    whole, apart = _read(path)
+    whole, apart = _read(path, arguments)
     continuous = whole.findall("joint[@type='continuous']")  # Their limits become those of one turn.
     put_right(whole)
     check_names(whole, path)
@@ -118,9 +120,9 @@ def _described(
     return RobotDescription(path.stem, urdf, base, end_effector, path.name, "unknown", continuous=endless)
 
 
-def _read(path: Path) -> tuple[ET.Element, Pairs]:
+def _read(path: Path, arguments: str) -> tuple[ET.Element, Pairs]:
     """A description as URDF, and pairs of links that it says never touch."""
-    root = _read_xml(path)
+    root = _read_xml(path, arguments)
     if root.tag == "mujoco":
         text, apart = read_mjcf(path)
         return ET.fromstring(text), apart
@@ -129,8 +131,8 @@ def _read(path: Path) -> tuple[ET.Element, Pairs]:
     return root, set()
 
 
-def _read_xml(path: Path) -> ET.Element:
-    """The elements of a file, without its default namespace, and expanded where it has macros."""
+def _read_xml(path: Path, arguments: str = "") -> ET.Element:
+    """The elements of a file, without its default namespace, and expanded with arguments where it has macros."""
     if not path.is_file():
         raise ValueError(f"There is no file {path}. Give the path of a URDF, xacro or MJCF file.")
     try:
@@ -138,7 +140,9 @@ def _read_xml(path: Path) -> ET.Element:
     except (ET.ParseError, LookupError, ValueError) as error:
         raise ValueError(f"{path} is no XML ({error}). Give the path of a URDF, xacro or MJCF file.") from error
     if path.suffix == ".xacro" or any("xacro}" in element.tag for element in root.iter() if element is not root):
-        root = expanded(path)
+        root = expanded(path, arguments)
+    elif arguments:
+        raise ValueError(f"arguments={arguments!r} are of a xacro file, and {path} is none. Leave them out.")
     space, brace, _ = root.tag.rpartition("}")
     for element in root.iter() if brace else ():
         element.tag = element.tag.removeprefix(space + brace)

@@ -6,7 +6,7 @@ rules (`richmap.robots.reading`). Of the keys below only `file`, `base` and `end
 - `package`: distribution that `file` is a file of; without one it is relative to the arm's own file.
 - `file`: URDF, xacro (`.xacro`) or MJCF (`.xml`).
 - `base`, `end_effector`: link that is fixed to the world, and link whose +z is the approach direction.
-- `approach`, `srdf`, `ignore`: as in `custom_robot`.
+- `approach`, `srdf`, `ignore`, `arguments`: as in `custom_robot`.
 - `source`, `licence`: what is said about it.
 
 What is put right, and why is said beside it:
@@ -43,8 +43,8 @@ from richmap.robots.reading import read_arm
 from richmap.robots.robot import RobotDescription
 
 KEYS = {
-    "package", "file", "base", "end_effector", "approach", "srdf", "ignore", "source", "licence", "as_given",
-    "branches", "scale", "settings", *corrections.KEYS,
+    "package", "file", "base", "end_effector", "approach", "srdf", "ignore", "arguments", "source", "licence",
+    "as_given", "branches", "scale", "settings", *corrections.KEYS,
 }  # fmt: skip
 
 
@@ -130,6 +130,7 @@ class RobotFile:
                 partial(corrections.put_right, said=model, located=self._located),
                 as_given=model.get("as_given", False),
                 known="package" in model,
+                arguments=model.get("arguments", ""),
             )
         except ValueError as error:
             raise ValueError(f"{self.path.name}: {error}") from error
