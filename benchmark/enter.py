@@ -12,7 +12,7 @@ import shutil
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, fields
 from itertools import chain
 from pathlib import Path
@@ -29,7 +29,7 @@ from benchmark.settings.robot_config import PAPER_ARMS, RobotConfig
 from benchmark.settings.scenes import FIRST_TEST_SEED, VALIDATION
 from benchmark.settings.suite import suite_conditions, suite_scenes, tasks_of
 from benchmark.settings.task import chosen_task
-from richmap.outputs import replacing
+from richmap.outputs import missing_folders, remove_empty, replacing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -223,14 +223,12 @@ def roll_out(config: EnterConfig, entry: Entry, console: "Console") -> None:
 @contextmanager
 def standing(folder: Path) -> Iterator[None]:
     """A folder that is there, so that it can be kept from a class; where nothing comes of it, it goes again."""
-    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    made = missing_folders(folder)
     folder.mkdir(parents=True, exist_ok=True)
     try:
         yield
     finally:
-        for each in made:
-            with suppress(OSError):  # Something is in it.
-                each.rmdir()
+        remove_empty(made)
 
 
 def final_rows(config: EnterConfig, entry: Entry) -> "pd.DataFrame":

@@ -14,7 +14,7 @@ from benchmark.settings.config import RunConfig
 from benchmark.settings.scenes import FIRST_TEST_SEED
 from benchmark.settings.task import chosen_task
 from benchmark.sweeps.job import run_job
-from benchmark.sweeps.sweep import end_sweep
+from benchmark.sweeps.sweep import sweeping
 from policies.methods import DIRECT
 
 
@@ -59,4 +59,4 @@ def note_on_tuning(config: RunConfig) -> str:
 
 
 if __name__ == "__main__":
-    run_command(main, RunConfig, "run", run_job, end_sweep, goes_on=True)
+    run_command(main, RunConfig, "run", run_job, sweeping, goes_on=True)

@@ -4,8 +4,8 @@ import errno
 import os
 import re
 import secrets
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 UNFINISHED = ".*.tmp*"
@@ -25,6 +25,18 @@ class FileRefusedError(ValueError):
 
 class DrawingError(RuntimeError):
     """Nothing can be drawn on this machine."""
+
+
+def missing_folders(folder: Path) -> list[Path]:
+    """A folder and those above it, as far as they are not there, the lowest first."""
+    return [each for each in (folder, *folder.parents) if not each.exists()]
+
+
+def remove_empty(folders: Iterable[Path]) -> None:
+    """Remove folders that are empty, the lowest first."""
+    for folder in folders:
+        with suppress(OSError):  # Something is in it, or it is not there.
+            folder.rmdir()
 
 
 @contextmanager

@@ -224,6 +224,19 @@ def test_help_lists_every_setting_with_unit_and_the_default_that_acts(give):
     assert "episodes=7\n" in give(run.main, RunConfig, "run", "--help", "episodes=7").output
 
 
+def test_help_is_of_the_files_that_are_given(give, tmp_path):
+    (tmp_path / "mine.yaml").write_text("defaults: [run, _self_]\nepisodes: 7")
+    (tmp_path / "suite").mkdir()
+    (tmp_path / "suite" / "of_mine.yaml").write_text("# @package _global_\n# What is mine.\nepisodes: 8")
+    asked = ["--help", "--config-dir", str(tmp_path)]
+    text = give(run.main, RunConfig, "run", *asked).output
+    assert "episodes=50\n" in text and "of_mine: What is mine." in text and "push-v1: " in text
+    assert "episodes=7\n" in give(run.main, RunConfig, "run", *asked, "-cn", "mine").output
+    assert "episodes=8\n" in give(run.main, RunConfig, "run", *asked, "suite=of_mine").output
+    gone = give(run.main, RunConfig, "run", "--help", "--config-dir=gone")
+    assert gone.status == 2 and gone.errors == ["error: --config-dir gone is no folder."]
+
+
 def test_whoever_reads_the_first_lines_of_help_ends_it_quietly():
     line = f"{sys.executable} -m benchmark.replay --help | head -1; echo ${{PIPESTATUS[0]}}"
     ended = subprocess.run(["bash", "-c", line], cwd=ROOT, capture_output=True, text=True)

@@ -8,7 +8,7 @@ import pytest
 from hydra import compose
 
 from benchmark.settings import command
-from benchmark.settings.composition import composing
+from benchmark.settings.composition import composing, files_of
 from benchmark.settings.setting import settings_of
 
 ROOT = Path(__file__).parents[1]
@@ -25,7 +25,7 @@ def commands():
 def test_a_command_s_settings_compose_and_are_described(module, schema, name):
     schema = getattr(importlib.import_module(module), schema)
     command.register(schema, name)
-    with composing(name):
+    with composing(files_of(name)):
         config = compose(name)
         if "suite" in settings_of(schema) and name != "run":  # Of which `conf/` has files.
             assert compose(name, ["suite=official"]).suite == "official"

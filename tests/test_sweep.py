@@ -241,3 +241,18 @@ def test_a_cluster_s_jobs_store_the_same_rows_and_are_logged(swept, cache, tmp_p
     assert [name.rpartition("-")[0] for name in field.used] == ["map-xarm6", "map-ur3"]
     (guided,) = [run for run in runs if run.config.get("lambda") == 0.5]
     assert {*field.made} < {*guided.used}
+
+
+def test_a_sweep_that_is_refused_is_one_line_and_leaves_no_folder(tmp_path):
+    (tmp_path / "block_push.yaml").write_text("{{{")
+    (tmp_path / "theirs").mkdir()
+    for arguments, line in (
+        (["robot=ur3,nonsense"], "error: robot=nonsense is not allowed. "),
+        (["episodes=-2,-1", "hydra/launcher=basic"], "error: episodes=-2 is not allowed. "),
+        (["episodes=-2,-1", "hydra/launcher=basic", "hydra.sweep.dir=theirs"], "error: episodes=-2 is not allowed. "),
+        (["method=${chosen:.,block_push}"], "error: SettingError raised while resolving interpolation: block_push"),
+    ):
+        command = [sys.executable, "-m", "benchmark.run", "-m", "device=cpu", *arguments]
+        ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        assert ended.returncode == 2 and ended.stderr.startswith(line) and ended.stderr.count("\n") == 1
+        assert {file.name for file in tmp_path.rglob("*")} == {"block_push.yaml", "theirs"}

@@ -15,7 +15,7 @@ from benchmark.scoring.ceiling import Ceiling
 from benchmark.scoring.suite_ranking import ranking_text
 from benchmark.scoring.suite_table import gains_text, standing
 from benchmark.settings.command import SettingError, register
-from benchmark.settings.composition import composing
+from benchmark.settings.composition import composing, files_of
 from benchmark.settings.config import ConditionConfig, RunConfig, WandbConfig
 from benchmark.settings.scenes import RANKING
 from benchmark.settings.suite import suite_conditions, suite_scenes
@@ -56,7 +56,7 @@ def test_the_full_suite_is_the_large_one_on_the_scenes_of_the_ranking():
 
 def test_hydra_reads_a_suite_as_everything_else_does():
     register(RunConfig, "run")
-    with composing("run"):
+    with composing(files_of("run")):
         said = compose("run", ["suite=full"])
     assert (said.suite, said.seed_start, said.episodes) == ("full", 160_000, 100)
     assert {name: each.task for name, each in said.conditions.items()} == {

@@ -5,6 +5,7 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import NoReturn
 
@@ -19,12 +20,7 @@ from omegaconf.errors import OmegaConfBaseException
 from benchmark.settings.composition import CONF, file_groups, files_of, register
 from benchmark.settings.help import help_text
 from benchmark.settings.overrides import checked, named, split
-from benchmark.settings.setting import (
-    Setting,
-    SettingError,
-    check_setting,
-    settings_of,
-)
+from benchmark.settings.setting import Raised, Setting, SettingError, check_setting, settings_of
 from benchmark.settings.typed import typed
 from richmap.outputs import OF_DISKS, CacheError, DrawingError, FileRefusedError
 
@@ -53,7 +49,7 @@ def run_command[Config](
     schema: type[Config],
     name: str,
     job: Callable[[DictConfig], None] | None = None,
-    end_sweep: Callable[[], None] | None = None,
+    sweeping: Callable[[], AbstractContextManager[None]] = nullcontext,
     positional: Sequence[str] = (),
     goes_on: bool = False,
 ) -> None:
@@ -67,7 +63,7 @@ def run_command[Config](
         schema: A dataclass.
         name: Of the command's configuration.
         job: What it does with each combination of a sweep, if that is something else.
-        end_sweep: What it does when a sweep is over.
+        sweeping: Within what a sweep runs.
         positional: Settings that may be given by their place, without their names.
         goes_on: Whether it stores what it finishes, and goes on from there when it is called again.
     """
@@ -90,14 +86,13 @@ def run_command[Config](
         known = settings_of(schema) | dict.fromkeys(file_groups(name), Setting("", None))
         overrides = checked(overrides, known, module, sweeps) if not _completes(flags) else overrides
         if not {"-h", "--help"}.isdisjoint(flags):
-            print(help_text(main, schema, name, module, overrides))
+            print(help_text(main, schema, name, module, flags, overrides))
         elif _completes(flags) and overrides == ["install=bash"]:
             print(COMPLETION)
         else:
             sys.argv[1:] = [*flags, *overrides]
-            _run(main, job, schema, name)
-            if end_sweep is not None:
-                end_sweep()
+            with sweeping():
+                _run(main, job, schema, name)
         sys.stdout.flush()
     except BrokenPipeError:  # Whoever read what is printed, such as `head`, has seen enough.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -136,24 +131,20 @@ def _run[Config](
         try:
             main(typed(config, schema))
         except Exception as error:
-            raise _Raised from error
+            raise Raised from error
 
     try:
         hydra.main(version_base="1.3", config_path=files_of(name), config_name=name)(enter)()
-    except _Raised as raised:
+    except Raised as raised:
         error = raised.__cause__
         assert error
         raise error from error.__cause__
     except HydraException:
         raise
-    except ValueError as error:  # Of flags that do not go together; one of `main` is `_Raised`.
+    except ValueError as error:  # Of flags that do not go together; one of `main` is `Raised`.
         raise SettingError(str(error)) from error
     except OSError as error:
         raise SettingError(f"hydra.run.dir or hydra.sweep.dir: {error.strerror}: {error.filename}.") from error
-
-
-class _Raised(BaseException):
-    """An error on its way through Hydra, which would print lines of its own about it."""
 
 
 class _Terminated(KeyboardInterrupt):

@@ -49,11 +49,9 @@ def files_of(name: str) -> str | None:
     return str(CONF) if _has_files(name) else None
 
 
-def composing(name: str) -> AbstractContextManager[None]:
-    """Where Hydra composes a command's settings."""
-    if _has_files(name):
-        return initialize_config_dir(str(CONF), version_base="1.3")
-    return initialize(None, version_base="1.3")
+def composing(folder: str | None) -> AbstractContextManager[None]:
+    """Where Hydra composes settings, with the files of a folder or with none."""
+    return initialize_config_dir(folder, version_base="1.3") if folder else initialize(None, version_base="1.3")
 
 
 def _has_files(name: str) -> bool:

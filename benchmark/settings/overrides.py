@@ -83,7 +83,7 @@ def checked(overrides: Iterable[str], known: Mapping[str, Setting], name: str, s
     Raises:
         SettingError: If one is no override, or of no setting, or one is given twice, or one does nothing.
     """
-    given, quoted = set(), []
+    given, readable = set(), []
     for override in overrides:
         key, equals, value = override.partition("=")
         key = key.lstrip("+~").partition("@")[0]
@@ -102,12 +102,12 @@ def checked(overrides: Iterable[str], known: Mapping[str, Setting], name: str, s
         kind = known[key].kind if key in known else object
         if key in known and isinstance(known[key].default, list) and value and not sweeps and value[0] not in "[$'\"":
             override, value = f"{key}=[{value}]", f"[{value}]"  # A list may be written as a sweep's values are.
-        quoted.append(_readable(override, key, value, kind, sweeps))
+        readable.append(_readable(override, key, value, kind, sweeps))
     if "suite" in given and (idle := [key for key in given if key.partition(".")[0] in SUITES_OWN]):
         raise SettingError(
             f"{idle[0]} does nothing with a suite, which has its own. Leave it out (seeds=[42] takes one policy)."
         )
-    return quoted
+    return readable
 
 
 def _readable(override: str, key: str, value: str, kind: type, sweeps: bool) -> str:
@@ -130,8 +130,8 @@ def _readable(override: str, key: str, value: str, kind: type, sweeps: bool) -> 
         raise SettingError(f"{key} cannot be read: it is a number of {len(value):,} digits.") from error
     head = override[: len(override) - len(value)]
     if kind is list:
-        return f"{head}[{','.join(map(_quoted, value[1:-1].split(',')))}]"
-    return head + ",".join(map(_quoted, value.split(",") if sweeps and "[" not in value else [value]))
+        return f"{head}[{','.join(map(quoted, value[1:-1].split(',')))}]"
+    return head + ",".join(map(quoted, value.split(",") if sweeps and "[" not in value else [value]))
 
 
 def _fits(value: object, kind: type) -> bool:
@@ -141,7 +141,8 @@ def _fits(value: object, kind: type) -> bool:
     return value is None or kind is not str or isinstance(value, str)
 
 
-def _quoted(text: str) -> str:
+def quoted(text: str) -> str:
+    """A text as Hydra takes it, whatever is in it."""
     return QuotedString(text, Quote.single).with_quotes()
 
 

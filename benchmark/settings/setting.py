@@ -19,6 +19,10 @@ class SettingError(ValueError):
     """A setting has a value that it cannot have; the message names the setting, the value and what is allowed."""
 
 
+class Raised(BaseException):
+    """What is wrong, as its cause, on its way through Hydra, which would print lines of its own about an exception."""
+
+
 def check_setting(condition: bool, name: str, value: Any, allowed: str) -> None:
     """Raise `SettingError` unless the condition holds."""
     if not condition:

@@ -160,7 +160,7 @@ def _swept(config: ScalesConfig, method: str) -> Swept:
         raise SettingError(f"{method} names no default_scale. Give it one, or give scale=[0.1,0.2].")
     first = (entry.default_scale or 0.0) / 8
     scales = sorted(config.scale) or [first * 2**k for k in range(config.points)]
-    guidance, about = entry.guidance(config.limits), entry.about
+    guidance, about = entry.guidance(config.limits, Path(config.output_dir)), entry.about
     return Swept(about.name, tuple(scales), "in the class's own unit", entry.kind, guidance=guidance)
 
 

@@ -8,20 +8,25 @@ import math
 import os
 import shutil
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
+from omegaconf.errors import OmegaConfBaseException
 
 from benchmark.settings.config import WandbConfig
-from benchmark.settings.setting import SettingError
+from benchmark.settings.setting import Raised, SettingError
 from benchmark.settings.task import chosen_task
 from benchmark.settings.typed import typed
 from benchmark.sweeps.job import JobRecord
+from richmap.outputs import missing_folders, remove_empty
 
 if TYPE_CHECKING:
     from envs.task import Task
@@ -29,23 +34,31 @@ if TYPE_CHECKING:
 MOST_FAILED = 20
 """How many failed jobs are said one by one."""
 
-_BEGUN: list[tuple[Path, WandbConfig]] = []
-"""Folder of the sweep of this process, and how it is logged."""
+_BEGUN: list[tuple[Path, WandbConfig, list[Path]]] = []
+"""Folder of the sweep of this process, how it is logged, and the folders that were made for it."""
 
 
 class SweepStart(Callback):
     """Hydra calls it where a sweep begins (`conf/run.yaml`)."""
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
-        """Clear what an earlier sweep left in the same folder, and write down how many jobs there are."""
-        folder = Path(config.hydra.sweep.dir)
+        """Clear what an earlier sweep left in the same folder, and write down how many jobs there are.
+
+        Raises:
+            Raised: From an error in the settings; of any other Hydra would only warn.
+        """
+        try:
+            folder, wandb, jobs = Path(config.hydra.sweep.dir), typed(config.wandb, WandbConfig), count_jobs(config)
+        except Exception as error:
+            raise Raised from error
+        made = missing_folders(folder)
         shutil.rmtree(folder / "jobs", ignore_errors=True)
         try:
             (folder / "jobs").mkdir(parents=True)
         except OSError:
             return  # Hydra cannot make the folder either, and refuses it; of an error here it would only warn.
-        (folder / "jobs" / "total").write_text(str(count_jobs(config)))
-        _BEGUN.append((folder, typed(config.wandb, WandbConfig)))
+        (folder / "jobs" / "total").write_text(str(jobs))
+        _BEGUN.append((folder, wandb, made))
 
 
 def count_jobs(config: DictConfig) -> int:
@@ -57,15 +70,33 @@ def count_jobs(config: DictConfig) -> int:
     return math.prod(len([*o.sweep_string_iterator()]) for o in last if o.is_sweep_override())
 
 
-def end_sweep() -> None:
-    """Say what came of the sweep that this process began, if it did, and end with status 1 if a job failed.
+@contextmanager
+def sweeping() -> Iterator[None]:
+    """Within it Hydra may begin a sweep. It is said what came of it; one that is refused leaves no folder.
 
     Raises:
         SettingError: If the settings of all jobs are wrong.
     """
-    if not _BEGUN:
-        return
-    folder, wandb = _BEGUN.pop()
+    try:
+        yield
+        if _BEGUN:
+            end_sweep(*_BEGUN[0][:2])
+    except (SettingError, HydraException, OmegaConfBaseException):
+        for folder, _, made in _BEGUN:
+            shutil.rmtree(folder / "jobs", ignore_errors=True)
+            (folder / "multirun.yaml").unlink(missing_ok=True)
+            remove_empty(made)
+        raise
+    finally:
+        _BEGUN.clear()
+
+
+def end_sweep(folder: Path, wandb: WandbConfig) -> None:
+    """Say what came of the sweep in a folder, and end with status 1 if a job failed.
+
+    Raises:
+        SettingError: If the settings of all jobs are wrong.
+    """
     records = [
         JobRecord(**json.loads(file.read_text()))
         for file in sorted((folder / "jobs").glob("*.json"), key=lambda file: int(file.stem))
