@@ -239,6 +239,8 @@ def test_a_path_seen_from_another_base_is_the_same_path():
             lambda p: np.where(np.arange(5)[:, None] >= 3, np.nan, p),
             r"Row 4 \(and 1 more rows\) holds no finite number",
         ),
+        (lambda p: p + [0, 1e300, 0, 0, 0, 0, 0], r"Row 1 .* farther than 1000 m from the base: .*1e\+300"),
+        (lambda p: p * [1, 1, 1, 1e300, 1, 1, 1e300], "a quaternion .* length than 1: 1e"),
         (lambda p: p * [1, 1, 1, 2, 2, 2, 2], r"Row 1 \(and 4 more rows\) holds a quaternion .* length than 1: 2"),
     ],
 )

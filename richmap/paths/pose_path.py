@@ -7,6 +7,9 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+FARTHEST = 1000.0
+"""From the base that a position may be, in [m]: what is farther is in another unit."""
+
 UNIT = 1e-3
 """How far the length of a quaternion may be from 1."""
 
@@ -48,7 +51,13 @@ class PosePath:
         bad = ~np.isfinite(poses).all(1)
         if bad.any():
             raise ValueError(f"{_rows(bad)} no finite number: {poses[np.argmax(bad)].tolist()}. Leave such poses out.")
-        length = np.linalg.norm(poses[:, 3:], axis=1)
+        bad = np.abs(poses[:, :3]).max(1) > FARTHEST
+        if bad.any():
+            where = poses[np.argmax(bad), :3].tolist()
+            raise ValueError(
+                f"{_rows(bad)} a position farther than {FARTHEST:g} m from the base: {where}. Give metres."
+            )
+        length = np.linalg.norm(np.clip(poses[:, 3:], -1e9, 1e9), axis=1)  # Whose squares are numbers still.
         bad = np.abs(length - 1) > UNIT
         if bad.any():
             raise ValueError(
