@@ -1,4 +1,5 @@
 import os
+import re
 from itertools import product
 from pathlib import Path
 
@@ -33,9 +34,9 @@ def rows(score_of, bases=FIRST_X, lambdas=(0.0, 0.5, 1.0), seeds=(42, 43, 44)):
     """Two episodes of each policy everywhere, with the mean score that a function of arm, x, lambda and seed says."""
     return pd.DataFrame(
         {"robot": arm, "base_x": x, "lambda": scale, "training_seed": seed, "checkpoint_hash": f"{seed}", "score": each,
-         "p1": True, "p2": False, "tilt_max": 0.1}
+         "episode_seed": i, "p1": True, "p2": False, "tilt_max": 0.1}
         for arm, x, scale, seed in product(PAPER, bases, lambdas, seeds)
-        for each in np.array([0.9, 1.1]) * score_of(arm, x, scale, seed) / 100
+        for i, each in enumerate(np.array([0.9, 1.1]) * score_of(arm, x, scale, seed) / 100)
     )  # fmt: skip
 
 
@@ -150,8 +151,11 @@ def test_a_folder_without_the_originals_assets_is_refused(tmp_path, monkeypatch)
 
 
 def test_the_table_shows_the_papers_figures_beside_ours():
-    shown = text(rows(lambda arm, x, scale, seed: 70.0, [0.05]))
+    shown = text(rows(lambda arm, x, scale, seed: 70.0 + 10 * scale, [0.05]))
     assert "64.6" in shown and "91.3" in shown
+    line = next(line for line in shown.splitlines() if "ur3" in line and " 0.5 " in line)
+    gain, low, high = map(float, re.search(r"(\+5\.0) \[(.+), (.+)\]", line).groups())
+    assert low < gain < high
 
 
 @pytest.mark.filterwarnings("ignore")  # PyBullet's own, as Python imports it.

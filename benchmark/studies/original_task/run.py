@@ -249,13 +249,22 @@ def stored(config: OriginalTaskConfig) -> "pd.DataFrame":
 
 
 def text(rows: "pd.DataFrame") -> str:
-    """Scores, p1 and p2 in percent by arm, base and lambda, beside the paper's figures."""
+    """Scores, p1 and p2 in percent by arm, base and lambda, beside the paper's figures; what guidance gains in score,
+    in points, with its interval for other trainings and other episodes."""
+    from benchmark.scoring.statistics import Crossed, clustered_difference
+
     if rows.empty:
         return "There are no rows yet."
+    pairs = rows.merge(
+        rows[rows["lambda"] == 0], on=["robot", "base_x", "checkpoint_hash", "episode_seed"], suffixes=("", "_direct")
+    )
     groups = rows.groupby(["robot", "base_x", "lambda"])
     table = 100 * groups[["score", "p1", "p2"]].mean()
     table["tilt, at most [deg]"] = groups.tilt_max.max() * 57.29578
     table["policies"], table["episodes"] = groups.checkpoint_hash.nunique(), groups.size()
+    for key, each in pairs[pairs["lambda"] > 0].groupby(["robot", "base_x", "lambda"]):
+        gain = clustered_difference(Crossed.of(each, each.score - each.score_direct))
+        table.loc[key, "minus direct"] = "{:+.1f} [{:+.1f}, {:+.1f}]".format(*(100 * x for x in gain))
     for arm, (direct, guided) in PAPER.items():
         for key in table.index:
             if key[0] == arm:
