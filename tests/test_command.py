@@ -261,6 +261,8 @@ def test_hydra_s_flags_work(give, tmp_path):
 
 def test_a_shell_completes_settings_and_choices(give, monkeypatch):
     assert "complete -" in give(run.main, RunConfig, "run", "-sc", "install=bash").output
+    typed = give(run.main, RunConfig, "run", "-sc", "query=bash")  # By hand, without a shell that asks.
+    assert typed.status == 2 and "What you type is -sc install=bash" in typed.errors[0]
     for line, offered in (
         ("command lam", "lambda="),
         ("command robot=x", "robot=xarm6"),
