@@ -262,6 +262,7 @@ def text(rows: "pd.DataFrame") -> str:
     table = 100 * groups[["score", "p1", "p2"]].mean()
     table["tilt, at most [deg]"] = groups.tilt_max.max() * 57.29578
     table["policies"], table["episodes"] = groups.checkpoint_hash.nunique(), groups.size()
+    table["minus direct"] = ""
     for key, each in pairs[pairs["lambda"] > 0].groupby(["robot", "base_x", "lambda"]):
         gain = clustered_difference(Crossed.of(each, each.score - each.score_direct))
         table.loc[key, "minus direct"] = "{:+.1f} [{:+.1f}, {:+.1f}]".format(*(100 * x for x in gain))
