@@ -113,30 +113,32 @@ MOUNTS += "exit(ctypes.CDLL(None).mount(None, b'/', None, ctypes.c_ulong(0x44000
     subprocess.run([sys.executable, "-c", MOUNTS], capture_output=True).returncode != 0,
     reason="this system lets no folder be kept from a process",
 )
-@pytest.mark.parametrize(
-    "line",
-    [
+def test_it_cannot_change_the_folder_of_its_rows(tmp_path):
+    rows = tmp_path / "outputs" / "mine"
+    rows.mkdir(parents=True)
+    (rows / "part").write_text("true")
+    ways = [
         "open(ROWS + '/forged', 'w')",
         "open(os.path.relpath(ROWS) + '/forged', 'w')",
         "open('/proc/self/root' + ROWS + '/forged', 'w')",
         "open(f'/proc/{OURS}/root{ROWS}/forged', 'w')",
         "os.rename(ROWS, ROWS + '-moved')",
         "os.rename(os.path.dirname(ROWS), os.path.dirname(ROWS) + '-moved')",
-        "ctypes.CDLL(None).umount2(ROWS.encode(), 2), open(ROWS + '/forged', 'w')",
-        "ctypes.CDLL(None).mount(None, ROWS.encode(), None, 4096 | 32, None), open(ROWS + '/forged', 'w')",
-        "os.unshare(os.CLONE_NEWUSER | os.CLONE_NEWNS), ctypes.CDLL(None).umount2(ROWS.encode(), 2), "
-        "ctypes.CDLL(None).mount(None, ROWS.encode(), None, 4096 | 32, None), open(ROWS + '/forged', 'w')",
+        "LIBC.umount2(ROWS.encode(), 2), open(ROWS + '/forged', 'w')",
+        "LIBC.mount(None, ROWS.encode(), None, 4096 | 32, None), open(ROWS + '/forged', 'w')",
         "subprocess.run(['sh', '-c', 'umount ' + ROWS]), open(ROWS + '/forged', 'w')",
-    ],
-    ids=["written", "relative", "root", "ours", "moved", "above", "unmounted", "remounted", "nested", "shell"],
-)
-def test_it_cannot_change_the_folder_of_its_rows(tmp_path, line):
-    rows = tmp_path / "outputs" / "mine"
-    rows.mkdir(parents=True)
-    (rows / "part").write_text("true")
-    of = stranger(tmp_path, f"import subprocess; ROWS, OURS = {str(rows)!r}, {os.getpid()}", line)
-    with pytest.raises(SettingError, match="raised (OSError|PermissionError)"):
-        dataclasses.replace(of, kept=rows).make(1.0, None, (0.0, 0.0), 0).correct(CHUNK, STATE)
+        "os.unshare(os.CLONE_NEWUSER | os.CLONE_NEWNS), LIBC.umount2(ROWS.encode(), 2), "
+        "LIBC.mount(None, ROWS.encode(), None, 4096 | 32, None), open(ROWS + '/forged', 'w')",
+    ]
+    lines = [
+        f"import subprocess; ROWS, OURS, LIBC, failed = {str(rows)!r}, {os.getpid()}, ctypes.CDLL(None), 0",
+        f"for way in {ways!r}:",
+        "    try: eval(way)",
+        "    except OSError: failed += 1",
+        "return chunk * failed",
+    ]
+    answer = dataclasses.replace(stranger(tmp_path, *lines), kept=rows).make(1.0, None, (0.0, 0.0), 0)
+    assert (answer.correct(CHUNK, STATE) == len(ways)).all()
     assert [(each.name, each.read_text()) for each in rows.iterdir()] == [("part", "true")]
     (rows / "ours").write_text("We still can.")
 

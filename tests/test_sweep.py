@@ -248,7 +248,6 @@ def test_a_sweep_that_is_refused_is_one_line_and_leaves_no_folder(tmp_path):
     (tmp_path / "theirs").mkdir()
     for arguments, line in (
         (["robot=ur3,nonsense"], "error: robot=nonsense is not allowed. "),
-        (["episodes=-2,-1", "hydra/launcher=basic"], "error: episodes=-2 is not allowed. "),
         (["episodes=-2,-1", "hydra/launcher=basic", "hydra.sweep.dir=theirs"], "error: episodes=-2 is not allowed. "),
         (["method=${chosen:.,block_push}"], "error: SettingError raised while resolving interpolation: block_push"),
     ):
