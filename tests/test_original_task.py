@@ -158,16 +158,20 @@ def test_the_table_shows_the_papers_figures_beside_ours():
     assert low < gain < high
 
 
-@pytest.mark.filterwarnings("ignore")  # PyBullet's own, as Python imports it.
-@pytest.mark.system
-def test_pybullets_own_xarm6_solves_the_papers_first_scene():
+@pytest.fixture
+def bullet_task():
     pytest.importorskip("pybullet", reason="this study alone needs PyBullet (docs/original_task.md)")
     if not (Path(ASSETS) / "diffusion_policy").is_dir():
         pytest.skip("DIFFUSION_POLICY names no checkout of real-stanford/diffusion_policy")
+    return original_task(ASSETS)
+
+
+@pytest.mark.filterwarnings("ignore")  # PyBullet's own, as Python imports it.
+@pytest.mark.system
+def test_pybullets_own_xarm6_solves_the_papers_first_scene(bullet_task):
     from envs.block_push.oracle import run_oracle
 
-    task = original_task(ASSETS)
-    env = task.make.with_plain_observation(original_arm("xarm6", 0.0))
+    env = bullet_task.make.with_plain_observation(original_arm("xarm6", 0.0))
     again = [run_oracle(env, seed) for seed in (100_000, 100_001, 100_000)]
     # diffusion_policy's own environment takes as many steps, which agree to the last bit.
     assert [len(infos) - 1 for infos in again] == [111, 111, 111] and all(infos[-1]["p2"] for infos in again)
@@ -175,3 +179,21 @@ def test_pybullets_own_xarm6_solves_the_papers_first_scene():
     observation, _ = env.reset(seed=100_000)
     assert split(observation)["agent_pos"] == pytest.approx([0.3, -0.4, 0.3, -0.4], abs=0.005)
     assert env.unwrapped._bullet.getLinkState(1, 6)[4][2] == pytest.approx(HEIGHT, abs=0.002)
+
+
+def pushed(env, seed):
+    """Observations as the effector runs into one block and then into the other."""
+    observation, _ = env.reset(seed=seed)
+    for step in range(80):
+        block = observation[:2] if step < 40 else observation[3:5]
+        observation = env.step(np.clip(block - observation[8:10], -0.02, 0.02))[0]
+        yield observation
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.system
+def test_an_episode_does_not_depend_on_the_one_before(bullet_task):
+    make, arm = bullet_task.make.with_plain_observation, original_arm("ur10", 0.06)
+    used = make(arm)
+    [*pushed(used, 100_000)]
+    np.testing.assert_array_equal([*pushed(used, 100_001)], [*pushed(make(arm), 100_001)])

@@ -6,6 +6,7 @@ the settling before an episode. Zones and the outline of the table are left out:
 
 import math
 import tempfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -90,14 +91,24 @@ class OriginalBlockPush(gymnasium.Env):
         assets: Path,
     ) -> None:
         import pybullet
-        import pybullet_data
         from pybullet_utils.bullet_client import BulletClient
 
         folder = assets / ASSETS
         if not (folder / "block.urdf").is_file():
             raise FileNotFoundError(f"There is no {folder / 'block.urdf'}. Give a checkout of diffusion_policy.")
-        self._bullet = bullet = BulletClient(pybullet.DIRECT)
+        self._bullet = BulletClient(pybullet.DIRECT)
         self._base_x = base_x
+        self._build = partial(self._make_world, urdf, flange, posture, folder)
+        self._build()
+
+    def _make_world(self, urdf: str | None, flange: str, posture: tuple[float, ...], folder: Path) -> None:
+        """All there is, as it stands before an episode. A state that PyBullet restores keeps something of the contacts
+        of the episode before, so that the next one would depend on it."""
+        import pybullet
+        import pybullet_data
+
+        bullet = self._bullet
+        bullet.resetSimulation()
         bullet.setGravity(0, 0, -9.8)
         data = Path(pybullet_data.getDataPath())
         bullet.loadURDF(str(data / "plane.urdf"), [0, 0, -0.001])
@@ -113,7 +124,6 @@ class OriginalBlockPush(gymnasium.Env):
         self._hold_tool(folder / "suction" / "suction-head-long.urdf")
         self._blocks = [bullet.loadURDF(str(folder / name)) for name in ("block.urdf", "block2.urdf")]
         self._settle()
-        self._before = bullet.saveState()
 
     def _load_arm(self, urdf: str | None, data: Path) -> int:
         """The arm, fixed to the world; links do not collide with each other."""
@@ -157,7 +167,7 @@ class OriginalBlockPush(gymnasium.Env):
             raise ValueError(f"An episode is that of a seed, and has no options. Got {seed} and {options}.")
         self._scene = draw_scene(seed)
         self._targets = np.stack([self._scene.target, self._scene.target2])
-        self._bullet.restoreState(self._before)
+        self._build()
         self._command = np.array(START)
         self._follow()
         for block, (x, y, yaw) in zip(self._blocks, (self._scene.block, self._scene.block2), strict=True):
