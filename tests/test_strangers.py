@@ -347,6 +347,7 @@ def test_arguments_of_a_xacro_file_are_given(arm):
         ("", 'cannot be expanded: .*size.* Arguments are given as in arguments="name:=value other:=value"'),
         ("size:=small untie:=6", "it has no argument 'untie'. Its arguments: size, unit"),
         ("size=small", "argument 'size=small' is not name:=value"),
+        ("sise:=small", "Undefined substitution argument size; until then it did not ask for sise"),
     ):
         with pytest.raises(ValueError, match=message):
             arm(text, name="arm.xacro", arguments=arguments)

@@ -122,6 +122,7 @@ def expanded(file: Path, arguments: str = "") -> ET.Element:
     """
     import xacro
 
+    given = None
     try:
         given = _Arguments(arguments)
         with _finding(file):
@@ -134,6 +135,8 @@ def expanded(file: Path, arguments: str = "") -> ET.Element:
         return root
     except Exception as error:  # Expressions of the file raise what they raise.
         why = " ".join(str(error).split()) or type(error).__name__
+        idle = sorted(given.given - given.asked) if given else []
+        why += f"; until then it did not ask for {', '.join(idle)}" if idle and idle[0] not in why else ""
         raise ValueError(
             f'{file} cannot be expanded: {why}. Arguments are given as in arguments="name:=value other:=value"'
         ) from error
