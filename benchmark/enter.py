@@ -11,8 +11,7 @@ import secrets
 import shutil
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from itertools import chain
 from pathlib import Path
@@ -29,7 +28,7 @@ from benchmark.settings.robot_config import PAPER_ARMS, RobotConfig
 from benchmark.settings.scenes import FIRST_TEST_SEED, VALIDATION
 from benchmark.settings.suite import suite_conditions, suite_scenes, tasks_of
 from benchmark.settings.task import chosen_task
-from richmap.outputs import missing_folders, remove_empty, replacing
+from richmap.outputs import replacing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -176,9 +175,14 @@ def main(config: EnterConfig) -> None:
     entry = Entry.load(Path(config.entry))
     if config.table and not (Path(config.table).is_dir() or Path(config.table).is_file()):
         raise SettingError(f"table={config.table} is not there. Give a folder of episodes, or a Parquet file.")
+    import pandas as pd
     from rich.console import Console
 
-    console = Console()
+    from benchmark.scoring.ceiling import ceilings_file, read_ceilings
+    from benchmark.scoring.own_results import show_results
+    from benchmark.scoring.suite_table import show_suite
+
+    console, tables = Console(), []
     tasks = tasks_of(config.conditions) if config.suite else [config.task]
     if entry.about.policy and len(tasks) > 1:
         raise SettingError(
@@ -187,19 +191,7 @@ def main(config: EnterConfig) -> None:
         )
     if config.final:
         entry = entry.numbered(final_rows(config, entry))
-    with nullcontext() if config.table else standing(Path(config.output_dir, entry.about.name)):
-        roll_out(config, entry, console)
-
-
-def roll_out(config: EnterConfig, entry: Entry, console: "Console") -> None:
-    """What the entry is asked for, task by task, and its table beside direct transfer; or the check of a table."""
-    import pandas as pd
-
-    from benchmark.scoring.ceiling import ceilings_file, read_ceilings
-    from benchmark.scoring.own_results import show_results
-    from benchmark.scoring.suite_table import show_suite
-
-    entries, ranks, tables = [entry.at(scale) for scale in config.scale] or [entry], (1, 2, 3), []
+    entries, ranks = [entry.at(scale) for scale in config.scale] or [entry], (1, 2, 3)
     for runs, direct in zip(config.runs(entry.about.name), config.runs("direct"), strict=True):
         task = chosen_task(runs[0].task)
         checkpoints = entry.checkpoints(
@@ -218,17 +210,6 @@ def roll_out(config: EnterConfig, entry: Entry, console: "Console") -> None:
         show_suite(config.suite, config.conditions, rows, ceilings)
     elif tables:
         show_results(pd.concat(tables, ignore_index=True), task, Path(runs[0].output_dir))
-
-
-@contextmanager
-def standing(folder: Path) -> Iterator[None]:
-    """A folder that is there, so that it can be kept from a class; where nothing comes of it, it goes again."""
-    made = missing_folders(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        yield
-    finally:
-        remove_empty(made)
 
 
 def final_rows(config: EnterConfig, entry: Entry) -> "pd.DataFrame":

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmark.artifacts.checkpoint import Checkpoint
 from benchmark.settings.command import SettingError
 from benchmark.studies.original_task.rule import (
     FIRST_X,
@@ -19,9 +20,17 @@ from benchmark.studies.original_task.rule import (
     held_out_score,
     scores,
 )
-from benchmark.studies.original_task.run import OriginalTaskConfig, moved_field, require_bullet, second, text
+from benchmark.studies.original_task.run import (
+    OriginalTaskConfig,
+    moved_field,
+    of_first_stage,
+    policies,
+    require_bullet,
+    second,
+    text,
+)
 from benchmark.studies.original_task.simulation import DOWN, target_joints_request, tilt_of, yaw_of
-from benchmark.studies.original_task.task import original_arm, original_task, split, summarize
+from benchmark.studies.original_task.task import VERSION, original_arm, original_task, split, summarize
 from envs.block_push.workspace import HEIGHT
 from richmap.geometry.grid import Grid
 from richmap.similarity.energy import EnergyField
@@ -34,7 +43,7 @@ def rows(score_of, bases=FIRST_X, lambdas=(0.0, 0.5, 1.0), seeds=(42, 43, 44)):
     """Two episodes of each policy everywhere, with the mean score that a function of arm, x, lambda and seed says."""
     return pd.DataFrame(
         {"robot": arm, "base_x": x, "lambda": scale, "training_seed": seed, "checkpoint_hash": f"{seed}", "score": each,
-         "episode_seed": i, "p1": True, "p2": False, "tilt_max": 0.1}
+         "episode_seed": i, "episode_version": VERSION, "p1": True, "p2": False, "tilt_max": 0.1}
         for arm, x, scale, seed in product(PAPER, bases, lambdas, seeds)
         for i, each in enumerate(np.array([0.9, 1.1]) * score_of(arm, x, scale, seed) / 100)
     )  # fmt: skip
@@ -148,6 +157,16 @@ def test_a_folder_without_the_originals_assets_is_refused(tmp_path, monkeypatch)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: True)
     with pytest.raises(SettingError, match="no checkout of real-stanford/diffusion_policy"):
         require_bullet(OriginalTaskConfig(assets=str(tmp_path)))
+
+
+def test_episodes_of_another_version_are_shown_apart_and_do_not_count_as_done():
+    now, before = rows(lambda arm, x, scale, seed: 70.0), rows(lambda arm, x, scale, seed: 50.0)
+    both = pd.concat([now, before.assign(episode_version=VERSION - 1)])
+    lines = [line for line in text(both).splitlines() if " ur5 " in line and " 0.05 " in line and " 0.5 " in line]
+    assert [f" {score} " in line for line, score in zip(lines, (50, 70), strict=True)] == [True, True]
+    folders = policies(OriginalTaskConfig(recipe="robust"), last=True)
+    hashed = both.assign(checkpoint_hash=Checkpoint(folders[0]).policy_hash)
+    assert {*of_first_stage(hashed, folders).score} == {*now.score}
 
 
 def test_the_table_shows_the_papers_figures_beside_ours():

@@ -201,8 +201,7 @@ class Entry:
         if not self.about.guidance:
             return None
         file, name = self.about.guidance.rsplit(":", 1)
-        kept = rows if rows.is_dir() else None
-        return GuidanceClass(self._inside(file), name, limits.seconds, limits.memory, kept, self.files_hash)
+        return GuidanceClass(self._inside(file), name, limits.seconds, limits.memory, rows, self.files_hash)
 
     def _inside(self, path: str) -> Path:
         """A path of the folder's."""

@@ -29,6 +29,7 @@ from benchmark.rollouts.stranger import MOST_CHUNKS, ClassAttributes, Stranger
 from benchmark.settings.entry_config import FIELD_KINDS
 from benchmark.settings.setting import SettingError, check_setting
 from policies.guidance import Guidance
+from richmap.outputs import missing_folders, remove_empty
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -118,7 +119,7 @@ class GuestProcess:
     Args:
         seconds: For the answers to a batch of episodes, in [s] of the clock.
         gigabytes: Of resident memory, with what it starts.
-        kept: Folder that it may not change.
+        kept: Folder that it may not change. It is made, and goes again at the end if nothing came into it.
     """
 
     def __init__(self, seconds: float, gigabytes: float, kept: Path | None) -> None:
@@ -129,6 +130,9 @@ class GuestProcess:
         told, tells = multiprocessing.Pipe(duplex=False)
         for option in (socket.SO_SNDTIMEO, socket.SO_RCVTIMEO):  # Nor does half of a message keep us waiting.
             ours.setsockopt(socket.SOL_SOCKET, option, struct.pack("ll", int(seconds) + 1, 0))
+        made = missing_folders(kept) if kept else []
+        if kept:
+            kept.mkdir(parents=True, exist_ok=True)
         command = "import sys; from benchmark.rollouts.guest_house import main; main(*sys.argv[1:])"
         ends = (theirs.fileno(), tells.fileno())
         one_thread = dict.fromkeys(["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"], "1")
@@ -142,7 +146,7 @@ class GuestProcess:
         theirs.close()
         tells.close()
         self._channel, self._told = Connection(ours.detach()), told
-        self._end = weakref.finalize(self, _end, self._process, self._channel, self._told)
+        self._end = weakref.finalize(self, _end, self._process, self._channel, self._told, made)
         _, said = self.ask("A process for a class", 0, "start")
         has = [printable(each.encode()) for each in json.loads(said[:LONGEST_TEXT])]
         if has and multiprocessing.parent_process() is None:
@@ -243,8 +247,8 @@ def _process(seconds: float, gigabytes: float, kept: Path | None, version: str) 
     return GuestProcess(seconds, gigabytes, kept)
 
 
-def _end(process: subprocess.Popen, channel: Connection, told: Connection) -> None:
-    """End a process by closing its standard input, and see it gone."""
+def _end(process: subprocess.Popen, channel: Connection, told: Connection, made: list[Path]) -> None:
+    """End a process by closing its standard input, see it gone, and remove what was made for it and is empty."""
     assert process.stdin
     ends: list[Any] = [process.stdin, channel, told]
     for each in ends:
@@ -255,6 +259,7 @@ def _end(process: subprocess.Popen, channel: Connection, told: Connection) -> No
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+    remove_empty(made)
 
 
 def printable(text: bytes) -> str:

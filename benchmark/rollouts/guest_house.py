@@ -76,40 +76,32 @@ def _leave(kept: str) -> list[str]:
             with contextlib.suppress(OSError), open(f"/proc/self/{name}", "w") as file:
                 file.write(line)
         has = [] if kinds & os.CLONE_NEWPID else ["other processes"]
-        try:
-            if not kinds & os.CLONE_NEWNS:
-                raise OSError
-            _keep(Path(kept).resolve() if kept else None)
-        except OSError:
-            has += ["the folder of its rows"] if kept else []
+        if kept and not (kinds & os.CLONE_NEWNS and _keep(Path(kept).resolve())):
+            has.append("the folder of its rows")
         return has
     return ["the network", "other processes", *(["the folder of its rows"] if kept else [])]
 
 
-def _keep(folder: Path | None) -> None:
-    """Let nobody in this name space of mounts change the folder, or move it, or undo this.
-
-    Raises:
-        OSError: If the system does not let that be.
-    """
-    _mount(None, Path("/"), MS_REC | MS_PRIVATE)
-    if folder:
-        for each in [*reversed(folder.parents), folder][1:]:  # What something is mounted on cannot be moved.
-            _mount(each, each, MS_BIND | MS_REC)
-        flags = os.statvfs(folder).f_flag
-        there = sum(taken for given, taken in MS_OF_STATVFS.items() if flags & given)
-        _mount(None, folder, MS_BIND | MS_REMOUNT | MS_RDONLY | there)
-        os.chdir(os.getcwd())  # Which is still below all that.
-    libc = ctypes.CDLL(None, use_errno=True)
-    none = (ctypes.c_uint32 * 6)()
-    if libc.prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) or libc.capset((ctypes.c_uint32 * 2)(CAPABILITIES_3, 0), none):
-        raise OSError(ctypes.get_errno(), "capset")
+def _keep(folder: Path) -> bool:
+    """Whether the system lets nobody in this name space of mounts change the folder, move it, or undo this."""
+    flags = os.statvfs(folder).f_flag
+    there = sum(taken for given, taken in MS_OF_STATVFS.items() if flags & given)
+    way = [*reversed(folder.parents), folder][1:]  # What something is mounted on cannot be moved.
+    mounted = (
+        _mount(None, Path("/"), MS_REC | MS_PRIVATE)
+        and all(_mount(each, each, MS_BIND | MS_REC) for each in way)
+        and _mount(None, folder, MS_BIND | MS_REMOUNT | MS_RDONLY | there)
+    )
+    os.chdir(os.getcwd())  # Which is still below all that.
+    libc, capabilities = ctypes.CDLL(None), (ctypes.c_uint32 * 6)()
+    header = (ctypes.c_uint32 * 2)(CAPABILITIES_3, 0)
+    return mounted and libc.prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0 == libc.capset(header, capabilities)
 
 
-def _mount(source: Path | None, target: Path, flags: int) -> None:
-    libc = ctypes.CDLL(None, use_errno=True)
-    if libc.mount(source and os.fsencode(source), os.fsencode(target), None, ctypes.c_ulong(flags), None):
-        raise OSError(ctypes.get_errno(), "mount", str(target))
+def _mount(source: Path | None, target: Path, flags: int) -> bool:
+    """Whether the system does it."""
+    path = source and os.fsencode(source)
+    return ctypes.CDLL(None).mount(path, os.fsencode(target), None, ctypes.c_ulong(flags), None) == 0
 
 
 def _watch(guest: int, gigabytes: float, heard: int) -> str:

@@ -40,7 +40,6 @@ class RobotConfig:
     """With robot=custom: SRDF file that says which pairs of links never touch; empty for none."""
     ignore: list[list[str]] = field(default_factory=list, hash=False)
     """With robot=custom: further pairs of links that are not checked for collision, as in [[base,hand],[base,arm]]."""
-
     arguments: str = ""
     """With robot=custom: arguments of a xacro file, as in robot.arguments="name:=ur5e prefix:=a_"; empty for none."""
 

@@ -152,12 +152,13 @@ def second(config: OriginalTaskConfig, console: "Console") -> "list[Rollout]":
 
 
 def of_first_stage(rows: "pd.DataFrame", checkpoints: Sequence[Path]) -> "pd.DataFrame":
-    """Those rows of the table that the first stage asks for."""
+    """Those rows of the table that the first stage asks for, of the version that episodes have now."""
     from benchmark.artifacts.checkpoint import Checkpoint
+    from benchmark.studies.original_task.task import VERSION
 
     hashes = [Checkpoint(folder).policy_hash for folder in checkpoints]
     asked = rows.robot.isin(PAPER) & rows["lambda"].isin(FIRST_LAMBDAS) & rows.base_x.isin(FIRST_X)
-    return rows[asked & rows.checkpoint_hash.isin(hashes)]
+    return rows[asked & rows.checkpoint_hash.isin(hashes) & (rows.episode_version == VERSION)]
 
 
 def rollouts_of(
@@ -249,27 +250,27 @@ def stored(config: OriginalTaskConfig) -> "pd.DataFrame":
 
 
 def text(rows: "pd.DataFrame") -> str:
-    """Scores, p1 and p2 in percent by arm, base and lambda, beside the paper's figures; what guidance gains in score,
-    in points, with its interval for other trainings and other episodes."""
+    """Scores, p1 and p2 in percent by the episodes' version, arm, base and lambda, beside the paper's figures; what
+    guidance gains in score, in points, with its interval for other trainings and other episodes."""
     from benchmark.scoring.statistics import Crossed, clustered_difference
 
     if rows.empty:
         return "There are no rows yet."
-    pairs = rows.merge(
-        rows[rows["lambda"] == 0], on=["robot", "base_x", "checkpoint_hash", "episode_seed"], suffixes=("", "_direct")
-    )
-    groups = rows.groupby(["robot", "base_x", "lambda"])
+    of_base = ["episode_version", "robot", "base_x"]
+    direct_rows = rows[rows["lambda"] == 0]
+    pairs = rows.merge(direct_rows, on=[*of_base, "checkpoint_hash", "episode_seed"], suffixes=("", "_direct"))
+    groups = rows.groupby([*of_base, "lambda"])
     table = 100 * groups[["score", "p1", "p2"]].mean()
     table["tilt, at most [deg]"] = groups.tilt_max.max() * 57.29578
     table["policies"], table["episodes"] = groups.checkpoint_hash.nunique(), groups.size()
     table["minus direct"] = ""
-    for key, each in pairs[pairs["lambda"] > 0].groupby(["robot", "base_x", "lambda"]):
+    for key, each in pairs[pairs["lambda"] > 0].groupby([*of_base, "lambda"]):
         gain = clustered_difference(Crossed.of(each, each.score - each.score_direct))
         table.loc[key, "minus direct"] = "{:+.1f} [{:+.1f}, {:+.1f}]".format(*(100 * x for x in gain))
     for arm, (direct, guided) in PAPER.items():
         for key in table.index:
-            if key[0] == arm:
-                table.loc[key, "the paper"] = guided if key[2] else direct
+            if key[1] == arm:
+                table.loc[key, "the paper"] = guided if key[3] else direct
     return table.round(1).reset_index().to_markdown(index=False)
 
 
