@@ -78,6 +78,19 @@ def test_jacobian_and_slope_are_those_of_finite_differences(name):
         np.testing.assert_allclose(slope[:, j], rise / (2 * h), atol=6e-3)
 
 
+@pytest.mark.parametrize("name", TASKS)
+def test_nothing_is_nearer_than_the_nearest(name):
+    _, controller = placed(name)
+    rng = np.random.default_rng(1)
+    joints = controller.start() + rng.normal(0, 0.3, (4, len(controller.start())))
+    obstacles = rng.uniform([0.2, -0.4, 0.1, -3.0], [0.6, 0.4, 0.5, 3.0], (2, 4))
+    distance, _ = controller.body(0.5).nearest(joints, obstacles)
+    assert (distance > 0.05).all() and (distance < 0.45).all()
+    for q, found in zip(joints, distance, strict=True):
+        near = [controller.body(found + by)._surroundings.is_near(obstacles, q[None]) for by in (-1e-4, 1e-4)]
+        assert near == [False, True]
+
+
 @pytest.mark.parametrize("method", ["embodisteer", "embodisteer_command"])
 @pytest.mark.parametrize("name", TASKS)
 def test_where_nothing_is_near_a_chunk_stays_as_it_is(name, method):

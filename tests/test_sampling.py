@@ -1,11 +1,13 @@
 import numpy as np
 import pytest
 
+from richmap.geometry.grid import Grid
 from richmap.motion.collision import self_collision
 from richmap.motion.kinematics import flange_frames
 from richmap.motion.sampling import roll_gap, sample_workspace
 from richmap.robots.robots import load_robot
 from tests.eight_arms import EIGHT
+from tests.orbits import assert_none_is_lost
 
 
 @pytest.fixture(params=EIGHT)
@@ -33,6 +35,12 @@ def test_one_turn_is_plain_sampling(robot):
 def test_the_same_seed_gives_the_same_samples(robot):
     a, b = (sample_workspace(robot, np.random.default_rng((4, 2)), 50, 8) for _ in range(2))
     assert (a.joints == b.joints).all() and (a.free == b.free).all()
+
+
+@pytest.mark.parametrize("name", ["xarm6", "panda", "so101"])
+def test_with_a_grid_no_pose_within_it_is_lost(name):
+    """Also about a first axis beside the base's z axis, as the SO-101's is."""
+    assert_none_is_lost(load_robot(name), Grid((0.1, -0.4, 0.05), 0.05, (6, 9, 5)))
 
 
 def test_the_gap_begins_where_the_last_joint_ends(robot):

@@ -21,6 +21,7 @@ from richmap.motion.sampling import sample_workspace
 from richmap.physics.convex_parts import fit_convex_parts
 from richmap.physics.mujoco_model import arm_spec
 from richmap.robots.custom import custom_robot
+from tests.orbits import assert_none_is_lost
 from tests.strange_arms import MJCF, WALL, collada, fixed, urdf
 
 DAE = '<mesh filename="{}" scale="{}"/>'
@@ -439,6 +440,7 @@ def test_an_axis_across_the_bases_computes_no_turns(arm, monkeypatch):
     monkeypatch.setattr(SelfCollision, "_protrusion_hits", None)
     monkeypatch.setattr(SelfCollision, "free_turns", lambda self, joints, turns: np.ones((len(joints), turns), bool))
     assert sample_workspace(robot, np.random.default_rng(0), 50, 128).free.shape[1] == 1
+    assert_none_is_lost(robot, Grid((0.0, -0.3, 0.0), 0.05, (8, 9, 8)))
 
 
 def test_an_arm_of_few_joints_holds_its_tool_down_at_any_roll(arm):

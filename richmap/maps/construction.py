@@ -89,7 +89,7 @@ def build_map(
     inserter = _empty(robot, grid, construction, folder)
     reached, seconds = _resume(folder, inserter, construction)
     begin = perf_counter() - seconds
-    with _draws(robot, construction, workers, reached.draws) as draws:
+    with _draws(robot, grid, construction, workers, reached.draws) as draws:
         while not _done(reached, inserter.inserted):
             _check_room(folder)
             reached = _insert_batch(inserter, draws, reached)
@@ -245,15 +245,17 @@ def _resume(folder: Path, inserter: Inserter, construction: Construction) -> tup
 
 
 @contextmanager
-def _draws(robot: RobotDescription, construction: Construction, workers: int, first: int) -> Iterator[Iterator[Orbits]]:
+def _draws(
+    robot: RobotDescription, grid: Grid, construction: Construction, workers: int, first: int
+) -> Iterator[Iterator[Orbits]]:
     """Draws from number `first` on, in their order. Each is overwritten once the next one was asked for."""
     if workers == 1:
-        yield (_sample(robot, construction, index) for index in count(first))
+        yield (_sample(robot, grid, construction, index) for index in count(first))
         return
     slots, context = 2 * workers + 1, get_context("spawn")
     size = slots * construction.draw
     buffers = [context.RawArray("b", size * dtype.itemsize * width) for dtype, width in _fields(robot, construction)]
-    with worker_pool(workers, _start_sampler, (robot, construction, buffers)) as pool:
+    with worker_pool(workers, _start_sampler, (robot, grid, construction, buffers)) as pool:
         yield _drawn(pool, _views(buffers, robot, construction), slots, first)
         pool.shutdown(cancel_futures=True)
 
@@ -285,27 +287,27 @@ def _views(buffers: list, robot: RobotDescription, construction: Construction) -
     ]
 
 
-_sampler: tuple[RobotDescription, Construction, list[np.ndarray]]
+_sampler: tuple[RobotDescription, Grid, Construction, list[np.ndarray]]
 """What a worker process draws, and where to."""
 
 
-def _start_sampler(robot: RobotDescription, construction: Construction, buffers: list) -> None:
+def _start_sampler(robot: RobotDescription, grid: Grid, construction: Construction, buffers: list) -> None:
     global _sampler  # of this worker process
     start_worker()
-    _sampler = robot, construction, _views(buffers, robot, construction)
+    _sampler = robot, grid, construction, _views(buffers, robot, construction)
 
 
 def _draw(index: int, slot: int) -> tuple[int, float, int, tuple[float, float]]:
     """Draw orbits into a slot; how many, and what they share."""
-    robot, construction, views = _sampler
-    orbits = _sample(robot, construction, index)
+    robot, grid, construction, views = _sampler
+    orbits = _sample(robot, grid, construction, index)
     arrays = orbits.joints, orbits.position, orbits.direction, orbits.gap_axis, orbits.free
     for view, array in zip(views, arrays, strict=True):
         view[slot, : len(array)] = array
     return len(orbits.joints), orbits.lower, orbits.way, orbits.centre
 
 
-def _sample(robot: RobotDescription, construction: Construction, index: int) -> Orbits:
+def _sample(robot: RobotDescription, grid: Grid, construction: Construction, index: int) -> Orbits:
     """The draw of a number."""
     rng = np.random.default_rng((construction.seed, index, DRAW))
-    return sample_workspace(robot, rng, construction.draw, construction.turns, construction.ground)
+    return sample_workspace(robot, rng, construction.draw, construction.turns, construction.ground, grid)

@@ -1,7 +1,7 @@
 """Spheres around an arm's links: where they keep apart, triangles need not be looked at."""
 
-from dataclasses import dataclass
-from typing import no_type_check
+from dataclasses import dataclass, replace
+from typing import NamedTuple, no_type_check
 
 import numba
 import numpy as np
@@ -18,6 +18,18 @@ COARSE, MEDIUM, FINE = 0.06, 0.02, 0.01
 
 MARGIN = 1.01
 """Spheres are larger than what they hold by this factor, since round shapes bulge out of their triangles."""
+
+
+class Spheres(NamedTuple):
+    """What compiled loops read of `BoundingSpheres`."""
+
+    frames: Float[np.ndarray, "dof1 3 4"]
+    start: Int[np.ndarray, " links1"]
+    joint: Int[np.ndarray, " links"]
+    centres: Float[np.ndarray, "spheres 3"]
+    radii: Float[np.ndarray, " spheres"]
+    whole_centres: Float[np.ndarray, "links 3"]
+    whole_radii: Float[np.ndarray, " links"]
 
 
 @dataclass(frozen=True)
@@ -68,8 +80,7 @@ class BoundingSpheres:
     ) -> Bool[np.ndarray, "n pairs"]:
         """Whether spheres of each of these pairs of links meet in each configuration; if not, the links do not."""
         index = np.array([[self.links.index(a), self.links.index(b)] for a, b in pairs], dtype=np.int64).reshape(-1, 2)
-        whole = self.whole_centres, self.whole_radii
-        return _near_each_other(joints, self.frames, self.start, self.joint, self.centres, self.radii, *whole, index)
+        return _near_each_other(joints, self._spheres, index)
 
     def near_solid(
         self, joints: Float[np.ndarray, "n dof"], links: list[str], solid: Float[np.ndarray, "slabs 3"]
@@ -82,7 +93,7 @@ class BoundingSpheres:
             solid: Slabs: bottom, top and radius, in joint 1's frame, in [m].
         """
         index = np.array([self.links.index(link) for link in links], dtype=np.int64)
-        return _near_solid(joints, self.frames, self.start, self.joint, self.centres, self.radii, index, solid)
+        return _near_solid(joints, self._spheres, index, solid)
 
     def turns_near(
         self,
@@ -102,8 +113,17 @@ class BoundingSpheres:
             turns: Angles in a circle; turn k adds k / turns of it to joint 1.
         """
         index = np.array([self.links.index(link) for link in links], dtype=np.int64)
-        own = self.start, self.joint, self.centres, self.radii, index
-        return _turns_near(joints, self.frames, *own, centres, radii, turns)
+        return _turns_near(joints, self._spheres, index, centres, radii, turns)
+
+    def grown(self, by: float) -> "BoundingSpheres":
+        """The same spheres with radii that are larger by so many [m]."""
+        return replace(self, radii=self.radii + by, whole_radii=self.whole_radii + by)
+
+    @property
+    def _spheres(self) -> Spheres:
+        return Spheres(
+            self.frames, self.start, self.joint, self.centres, self.radii, self.whole_centres, self.whole_radii
+        )
 
 
 def _cover_shape(shape: Shape, cube: float) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
@@ -134,8 +154,8 @@ def cover(mesh: trimesh.Trimesh, cube: float) -> tuple[Float[np.ndarray, "k 3"],
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def _place(q, frames, start, joint, centres, placed):
-    """Write the spheres' centres, seen from joint 1's frame and with joint 1 at 0, to `placed`."""
+def _frames_of_links(q, frames, joint, rotation, position):
+    """Write each link's joint frame, seen from joint 1's and with joint 1 at 0."""
     r, p = np.eye(3), np.zeros(3)
     turned, link = np.empty((3, 3)), 0
     for j in range(1, len(q) + 1):
@@ -146,10 +166,7 @@ def _place(q, frames, start, joint, centres, placed):
             turned[a, 1] = c * r[a, 1] - s * r[a, 0]
             turned[a, 2] = r[a, 2]
         while link < len(joint) and joint[link] == j:
-            for i in range(start[link], start[link + 1]):
-                x, y, z = centres[i]
-                for a in range(3):
-                    placed[i, a] = p[a] + turned[a, 0] * x + turned[a, 1] * y + turned[a, 2] * z
+            rotation[link], position[link] = turned, p
             link += 1
         f = frames[j]
         for a in range(3):
@@ -161,75 +178,117 @@ def _place(q, frames, start, joint, centres, placed):
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def _near_each_other(joints, frames, start, joint, centres, radii, whole_centres, whole_radii, pairs):
+def _place(rotation, position, centres, first, last, placed):
+    """Write centres of one link, `first` to `last`, as they are seen from joint 1's frame."""
+    for i in range(first, last):
+        x, y, z = centres[i]
+        for a in range(3):
+            placed[i, a] = position[a] + rotation[a, 0] * x + rotation[a, 1] * y + rotation[a, 2] * z
+
+
+@numba.njit(cache=True, nogil=True)
+@no_type_check
+def _near_each_other(joints, spheres, pairs):
+    frames, start, joint, centres, radii, whole_centres, whole_radii = spheres
     near = np.zeros((len(joints), len(pairs)), dtype=np.bool_)
     placed, whole = np.empty(centres.shape), np.empty(whole_centres.shape)
-    one_each = np.arange(len(joint) + 1)
+    rotation, position = np.empty((len(joint), 3, 3)), np.empty((len(joint), 3))
+    is_placed = np.empty(len(joint), dtype=np.bool_)
     for n in range(len(joints)):
-        _place(joints[n], frames, one_each, joint, whole_centres, whole)
-        any_near = False
+        _frames_of_links(joints[n], frames, joint, rotation, position)
+        for i in range(len(joint)):
+            _place(rotation[i], position[i], whole_centres, i, i + 1, whole)
+            is_placed[i] = False
         for k in range(len(pairs)):
             a, b = pairs[k]
-            near[n, k] = _meet(whole, whole_radii, a, a + 1, b, b + 1)
-            any_near = any_near or near[n, k]
-        if not any_near:
-            continue
-        _place(joints[n], frames, start, joint, centres, placed)
-        for k in range(len(pairs)):
-            a, b = pairs[k]
-            if near[n, k]:
-                near[n, k] = _meet(placed, radii, start[a], start[a + 1], start[b], start[b + 1])
+            if not _meet(whole, whole_radii, a, whole, whole_radii, b):
+                continue
+            for i in (a, b):
+                if not is_placed[i]:
+                    _place(rotation[i], position[i], centres, start[i], start[i + 1], placed)
+                    is_placed[i] = True
+            for i in range(start[a], start[a + 1]):
+                if _meet(placed, radii, i, whole, whole_radii, b):
+                    for j in range(start[b], start[b + 1]):
+                        near[n, k] = near[n, k] or _meet(placed, radii, i, placed, radii, j)
+                    if near[n, k]:
+                        break
     return near
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@numba.njit(cache=True, nogil=True, inline="always")
 @no_type_check
-def _meet(placed, radii, a, last_a, b, last_b):
-    for i in range(a, last_a):
-        x, y, z = placed[i]
-        for j in range(b, last_b):
-            d, e, f = placed[j, 0] - x, placed[j, 1] - y, placed[j, 2] - z
-            reach = radii[i] + radii[j]
-            if d * d + e * e + f * f <= reach * reach:
-                return True
+def _meet(centres, radii, i, other_centres, other_radii, j):
+    """Whether a sphere meets another."""
+    x, y, z = (
+        centres[i, 0] - other_centres[j, 0],
+        centres[i, 1] - other_centres[j, 1],
+        centres[i, 2] - other_centres[j, 2],
+    )
+    reach = radii[i] + other_radii[j]
+    return x * x + y * y + z * z <= reach * reach
+
+
+@numba.njit(cache=True, nogil=True)
+@no_type_check
+def _near_solid(joints, spheres, links, solid):
+    frames, start, joint, centres, radii, whole_centres, whole_radii = spheres
+    near = np.zeros((len(joints), len(links)), dtype=np.bool_)
+    placed, whole = np.empty(centres.shape), np.empty(whole_centres.shape)
+    rotation, position = np.empty((len(joint), 3, 3)), np.empty((len(joint), 3))
+    top, widest = -np.inf, 0.0
+    for k in range(len(solid)):
+        top, widest = max(top, solid[k, 1]), max(widest, solid[k, 2])
+    for n in range(len(joints)):
+        _frames_of_links(joints[n], frames, joint, rotation, position)
+        for m in range(len(links)):
+            link = links[m]
+            _place(rotation[link], position[link], whole_centres, link, link + 1, whole)
+            if not _below_and_within(whole, whole_radii, link, top, widest):
+                continue
+            _place(rotation[link], position[link], centres, start[link], start[link + 1], placed)
+            for i in range(start[link], start[link + 1]):
+                if _below_and_within(placed, radii, i, top, widest) and _meets_slab(placed, radii, i, solid):
+                    near[n, m] = True
+                    break
+    return near
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+@no_type_check
+def _below_and_within(centres, radii, i, top, widest):
+    """Whether some of a sphere is below a height and within a radius about the first axis."""
+    return centres[i, 2] - radii[i] <= top and np.sqrt(centres[i, 0] ** 2 + centres[i, 1] ** 2) - radii[i] <= widest
+
+
+@numba.njit(cache=True, nogil=True)
+@no_type_check
+def _meets_slab(centres, radii, i, solid):
+    z, radius, size = centres[i, 2], np.sqrt(centres[i, 0] ** 2 + centres[i, 1] ** 2), radii[i]
+    for k in range(len(solid)):
+        up = max(solid[k, 0] - z, z - solid[k, 1], 0.0)
+        out = max(radius - solid[k, 2], 0.0)
+        if up * up + out * out <= size * size:
+            return True
     return False
 
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def _near_solid(joints, frames, start, joint, centres, radii, links, solid):
-    near = np.zeros((len(joints), len(links)), dtype=np.bool_)
-    placed = np.empty(centres.shape)
-    top, widest = -np.inf, 0.0
-    for k in range(len(solid)):
-        top, widest = max(top, solid[k, 1]), max(widest, solid[k, 2])
-    for n in range(len(joints)):
-        _place(joints[n], frames, start, joint, centres, placed)
-        for m in range(len(links)):
-            for i in range(start[links[m]], start[links[m] + 1]):
-                z, size = placed[i, 2], radii[i]
-                radius = np.sqrt(placed[i, 0] ** 2 + placed[i, 1] ** 2)
-                if z - size > top or radius - size > widest:
-                    continue
-                for k in range(len(solid)):
-                    up = max(solid[k, 0] - z, z - solid[k, 1], 0.0)
-                    out = max(radius - solid[k, 2], 0.0)
-                    near[n, m] = near[n, m] or up * up + out * out <= size * size
-    return near
-
-
-@numba.njit(cache=True, nogil=True)
-@no_type_check
-def _turns_near(joints, frames, start, joint, centres, radii, links, fixed, fixed_radii, turns):
+def _turns_near(joints, spheres, links, fixed, fixed_radii, turns):
+    frames, start, joint, centres, radii, _, _ = spheres
     near = np.zeros((len(joints), len(links), turns), dtype=np.bool_)
     placed = np.empty(centres.shape)
+    rotation, position = np.empty((len(joint), 3, 3)), np.empty((len(joint), 3))
     out = np.sqrt(fixed[:, 0] ** 2 + fixed[:, 1] ** 2)
     azimuth = np.arctan2(fixed[:, 1], fixed[:, 0])
     step = 2 * np.pi / turns
     for n in range(len(joints)):
-        _place(joints[n], frames, start, joint, centres, placed)
+        _frames_of_links(joints[n], frames, joint, rotation, position)
         for m in range(len(links)):
-            for i in range(start[links[m]], start[links[m] + 1]):
+            link = links[m]
+            _place(rotation[link], position[link], centres, start[link], start[link + 1], placed)
+            for i in range(start[link], start[link + 1]):
                 x, y, z = placed[i]
                 rho = np.sqrt(x * x + y * y)
                 for k in range(len(fixed)):

@@ -2,7 +2,6 @@
 
 import tempfile
 import warnings
-from dataclasses import replace
 from pathlib import Path
 
 import coal
@@ -234,7 +233,7 @@ class SelfCollision:
         """
         spheres = BoundingSpheres.around(robot, self._model, (link,), FINE)
         farthest = (np.linalg.norm(spheres.centres, axis=1) + spheres.radii).max()
-        spheres = replace(spheres, radii=spheres.radii + farthest * np.pi / CELLS)
+        spheres = spheres.grown(farthest * np.pi / CELLS)
         joints = np.zeros((CELLS, len(robot.joints)))
         joints[:, 1] = 2 * np.pi * (np.arange(CELLS) + 0.5) / CELLS
         return spheres.near_solid(joints, [link], self._solid)[:, 0]

@@ -5,11 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from richmap.geometry.grid import Grid
 from richmap.motion.branch import in_branch, one_turn
 from richmap.motion.collision import self_collision
 from richmap.motion.ground import lowest_points
 from richmap.motion.kinematics import flange_frames, joint_frames, way_about_z
 from richmap.robots.robot import RobotDescription
+
+ROUNDING = 1e-4
+"""A flange so far beyond a grid may be within it once its position is rounded, in [m]."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +60,12 @@ class Orbits:
 
 
 def sample_workspace(
-    robot: RobotDescription, rng: np.random.Generator, configurations: int, turns: int, ground: float | None = None
+    robot: RobotDescription,
+    rng: np.random.Generator,
+    configurations: int,
+    turns: int,
+    ground: float | None = None,
+    grid: Grid | None = None,
 ) -> Orbits:
     """Draw configurations uniformly within the joint limits and keep those free of self-collision.
 
@@ -71,9 +80,13 @@ def sample_workspace(
         configurations: Number of configurations to draw.
         turns: Angles of joint 1 per configuration, a power of two; 1 switches orbit sampling off.
         ground: Height in the base frame that no moving link may be below, in [m]; None for no ground.
+        grid: Cells in the base frame; what is beyond them at every angle of joint 1 is not kept, nor checked. None
+            keeps all.
     """
     joints = rng.uniform(*one_turn(robot), (configurations, len(robot.joints)))
     joints = joints[in_branch(robot, joints)]
+    if grid is not None:
+        joints = joints[_may_be_within(grid, robot, joints)]
     check = self_collision(robot)
     joints = joints[~check(joints)]
     if ground is not None:
@@ -96,6 +109,21 @@ def sample_workspace(
         way,
         centre,
     )
+
+
+def _may_be_within(grid: Grid, robot: RobotDescription, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, " n"]:
+    """Whether the flange may be within the grid at some angle of joint 1."""
+    position, _ = flange_frames(robot, joints)
+    way, centre = way_about_z(robot)
+    lower = np.array(grid.origin) - ROUNDING
+    upper = lower + grid.cell_size * np.array(grid.shape) + 2 * ROUNDING
+    if way == 0:
+        return np.less_equal(lower, position).all(1) & np.less_equal(position, upper).all(1)
+    lower[:2], upper[:2] = lower[:2] - centre, upper[:2] - centre
+    radius, height = np.hypot(*(position[:, :2] - centre).T), position[:, 2]
+    nearest = np.hypot(*np.maximum(np.maximum(lower[:2], -upper[:2]), 0))
+    farthest = np.hypot(*np.maximum(-lower[:2], upper[:2]))
+    return (radius >= nearest) & (radius <= farthest) & (height >= lower[2]) & (height <= upper[2])
 
 
 def within_limits(robot: RobotDescription, angle: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
