@@ -280,7 +280,12 @@ def _turns_near(joints, spheres, links, fixed, fixed_radii, turns):
     near = np.zeros((len(joints), len(links), turns), dtype=np.bool_)
     placed = np.empty(centres.shape)
     rotation, position = np.empty((len(joint), 3, 3)), np.empty((len(joint), 3))
-    out = np.sqrt(fixed[:, 0] ** 2 + fixed[:, 1] ** 2)
+    by_height = np.argsort(fixed[:, 2])
+    fixed, fixed_radii = fixed[by_height], fixed_radii[by_height]
+    height, out = fixed[:, 2].copy(), np.sqrt(fixed[:, 0] ** 2 + fixed[:, 1] ** 2)
+    largest, widest = 0.0, 0.0
+    for k in range(len(fixed)):
+        largest, widest = max(largest, fixed_radii[k]), max(widest, out[k] + fixed_radii[k])
     azimuth = np.arctan2(fixed[:, 1], fixed[:, 0])
     step = 2 * np.pi / turns
     for n in range(len(joints)):
@@ -291,9 +296,13 @@ def _turns_near(joints, spheres, links, fixed, fixed_radii, turns):
             for i in range(start[link], start[link + 1]):
                 x, y, z = placed[i]
                 rho = np.sqrt(x * x + y * y)
-                for k in range(len(fixed)):
+                if rho - radii[i] > widest:
+                    continue
+                beside = radii[i] + largest
+                first_k, last_k = np.searchsorted(height, z - beside), np.searchsorted(height, z + beside, side="right")
+                for k in range(first_k, last_k):
                     # Distance^2 at angle a between the two about the axis: flat - 2 rho out cos a.
-                    flat = rho * rho + out[k] * out[k] + (z - fixed[k, 2]) ** 2
+                    flat = rho * rho + out[k] * out[k] + (z - height[k]) ** 2
                     reach, swing = (radii[i] + fixed_radii[k]) ** 2, 2 * rho * out[k]
                     if flat - swing > reach:
                         continue
