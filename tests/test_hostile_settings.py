@@ -24,7 +24,7 @@ REFUSED = {
         "map.draw=1000000000", "map.turns=1073741824",
         "map.target=1000000000000", "map.seed=-1", "workers=10000", "batch_size=1000000", "episodes=1000000000",
         "lambda=1e300", "lambda=inf", "method=best_of_n_energy lambda=1e6", "lambda=1e6", "sampling_steps=1000000",
-        "hydra.run.dir=README.md/x", "-m lambda=0,1 hydra.sweep.dir=README.md/x",
+        "hydra.run.dir=README.md/x", "hydra.run.dir=a/b lambda=-1", "-m lambda=0,1 hydra.sweep.dir=README.md/x",
         "wandb.mode=offline wandb.folder=", "wandb.mode=offline wandb.folder=/proc/x", "energy.smoothing=nan",
         "seed_start=4294967296", "seed=-1", "arm.base=[1,2]", "arm.base=[nan,0,0]",
     ],
@@ -34,8 +34,8 @@ REFUSED = {
     ],
     "similarity": ["base=[1,2]", "base=[nan,0,0]", "output=/dev/null", "a=custom"],
     "check": [
-        "base.x=[1,0]", "base.yaw=[nan,0]", "base.spacing=0.001", "speed=0", "fps=0", "scenes=0", "poses=nothing.csv",
-        "output_dir=/proc",
+        "base.x=[1,0]", "base.x=[1,0] hydra.run.dir=a/b", "base.yaw=[nan,0]", "base.spacing=0.001", "speed=0", "fps=0",
+        "scenes=0", "poses=nothing.csv", "output_dir=/proc",
     ],
     "merge_maps": ["output=/dev/null inputs=[a,b]", "inputs=[a,a]", "output=/dev/full inputs=[a,b]"],
     "compare_policies": [

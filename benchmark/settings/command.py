@@ -20,6 +20,7 @@ from omegaconf.errors import OmegaConfBaseException
 from benchmark.settings.composition import CONF, file_groups, files_of, register
 from benchmark.settings.help import help_text
 from benchmark.settings.overrides import checked, named, split
+from benchmark.settings.run_folder import clear_run_folder
 from benchmark.settings.setting import Raised, Setting, SettingError, check_setting, settings_of
 from benchmark.settings.typed import typed
 from richmap.outputs import OF_DISKS, CacheError, DrawingError, FileRefusedError
@@ -138,6 +139,7 @@ def _run[Config](
     try:
         hydra.main(version_base="1.3", config_path=files_of(name), config_name=name)(enter)()
     except Raised as raised:
+        clear_run_folder()
         error = raised.__cause__
         assert error
         raise error from error.__cause__

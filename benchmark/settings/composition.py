@@ -15,7 +15,11 @@ CONF = Path(__file__).parents[1] / "conf"
 
 QUIET = {
     "defaults": [{"override /hydra/job_logging": "none"}, {"override /hydra/hydra_logging": "none"}],
-    "hydra": {"run": {"dir": "."}, "output_subdir": None},
+    "hydra": {
+        "run": {"dir": "."},
+        "output_subdir": None,
+        "callbacks": {"run": {"_target_": "benchmark.settings.run_folder.RunStart"}},
+    },
 }
 """Hydra keeps no log and no folder of its own for a run."""
 
