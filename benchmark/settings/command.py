@@ -3,9 +3,9 @@
 import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import NoReturn
 
@@ -68,14 +68,13 @@ def run_command[Config](
         positional: Settings that may be given by their place, without their names.
         goes_on: Whether it stores what it finishes, and goes on from there when it is called again.
     """
-    gone_on = [GONE_ON] * goes_on
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # As a shell has it for what runs in the background.
         signal.signal(signal.SIGINT, _raising(KeyboardInterrupt))
     signal.signal(signal.SIGTERM, _raising(_Terminated))
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises instead of printing.
     spec = sys.modules["__main__"].__spec__
     module = spec.name if spec and main.__module__ == "__main__" else f"benchmark.{name}"
-    try:
+    with _one_line_for_errors([GONE_ON] * goes_on):
         if os.environ.get("MUJOCO_GL"):
             import envs  # noqa: F401, which says whether MuJoCo loads with that.
         flags, overrides = split(sys.argv[1:])
@@ -97,14 +96,23 @@ def run_command[Config](
             with sweeping():
                 _run(main, job, schema, name)
         sys.stdout.flush()
+
+
+@contextmanager
+def _one_line_for_errors(gone_on: Sequence[str]) -> Iterator[None]:
+    """End the program with a status and one line for what a user can mend, and without a traceback when it is stopped.
+
+    Args:
+        gone_on: What to say besides where the command was cut off.
+    """
+    try:
+        yield
     except BrokenPipeError:  # Whoever read what is printed, such as `head`, has seen enough.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except (SettingError, CacheError, DrawingError, FileRefusedError) as error:
+    except (SettingError, CacheError, DrawingError, FileRefusedError, OmegaConfBaseException) as error:
         _refuse(error)
     except HydraException as error:
         _refuse(_in_our_words(error))
-    except OmegaConfBaseException as error:
-        _refuse(error)
     except BrokenProcessPool:
         _end(1, "error: A worker process was killed, perhaps for want of memory.", *gone_on)
     except OSError as error:
