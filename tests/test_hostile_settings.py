@@ -51,6 +51,7 @@ REFUSED = {
     "enter": ["robots=[]", "robots=[ur3,ur3]", "seeds=[]", "batch_size=1000000", "seed_start=50000 scale=[1e300]"],
     "scales": ["scale=[0.1,1e300]", "methods=[]", "methods=[paper,paper]", "seeds=[42,42]", "points=1000"],
     "source_policies": ["seeds=[]", "seeds=[42,42]", "candidates=[]"],
+    "studies.learned_energy": ["seed=-1", "widths=[]", "widths=[0]", "widths=[100000]", "poses=1000000000", "steps=0"],
     "map_quality.verify_maps": ["maps=[]", "maps=[richmap,richmap]"],
     "map_quality.view": ["save=/dev/null/x.html"],
 }  # fmt: skip

@@ -6,6 +6,7 @@ python -m benchmark.studies.learned_energy robot=ur3
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from time import process_time
 from typing import TYPE_CHECKING
@@ -28,6 +29,7 @@ type Asked = Callable[[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]], "Val
 """A field as it is asked."""
 
 KEY = ["robot", "form"]
+MOST_POSES, MOST_WIDTH = 10_000_000, 4096
 
 
 @dataclass
@@ -37,15 +39,15 @@ class LearnedEnergyConfig:
     robot: str = "ur3"
     """Target arm, its base at the source's."""
     widths: list[int] = field(default_factory=lambda: [64, 128, 256])
-    """Widths of the three hidden layers, one network each; whole numbers >= 1."""
+    """Widths of the three hidden layers, one network each; whole numbers from 1 to 4096."""
     steps: int = 5_000
     """Steps of training; a whole number >= 1."""
     poses: int = 1_000_000
-    """Poses that are learned from; a whole number >= 1."""
+    """Poses that are learned from; a whole number from 1 to 10 million."""
     asked: int = 50_000
-    """Other poses, on which the error is measured; a whole number >= 1."""
+    """Other poses, on which the error is measured; a whole number from 1 to 10 million."""
     seed: int = 0
-    """Of poses and networks."""
+    """Of poses and networks, a whole number >= 0."""
     output: str = "results/learned_energy.csv"
     """Table that rows go to, in place of older ones of the same arm and form."""
     workers: int = 2
@@ -54,9 +56,14 @@ class LearnedEnergyConfig:
 
     def __post_init__(self) -> None:
         check_targets([self.robot])
-        for name in ("steps", "poses", "asked", "workers"):
+        check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
+        for name in ("steps", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
-        check_setting(bool(self.widths) and min(self.widths) >= 1, "widths", self.widths, "whole numbers >= 1")
+        for name in ("poses", "asked"):
+            count = getattr(self, name)
+            check_setting(1 <= count <= MOST_POSES, name, count, f"a whole number from 1 to {MOST_POSES}")
+        widths = all(1 <= width <= MOST_WIDTH for width in self.widths)
+        check_setting(widths, "widths", self.widths, f"whole numbers from 1 to {MOST_WIDTH}")
         check_file(self.output)
 
 
@@ -77,14 +84,22 @@ def main(config: LearnedEnergyConfig) -> None:
     source, target = compared_maps(load_robot(config.robot), base, config.map, config.workers, console)
     energy = DirectionalEnergy.from_maps(source, target, base, "coverages")
     asked, learned = (drawn(energy, count, rng) for count in (config.asked, config.poses))
-    truth, rows = energy.value_and_gradients(*asked), []
-    for form, size, ask in [*compressed(energy), *networks(energy, learned, config, console)]:
+    truth, table = energy.value_and_gradients(*asked), pd.DataFrame()
+    drew = {"seed": config.seed, "steps": config.steps, "poses": config.poses}
+    for form, size, ask in chain(compressed(energy), networks(energy, learned, config, console)):
         ask(*(each[:1] for each in asked))  # Splines are made and loops compiled here.
         begun = process_time()
         found = ask(*asked)
-        spent = 1e6 * (process_time() - begun) / config.asked
-        rows.append({"robot": config.robot, "form": form, "kB": size / 1000, **errors(found, truth), "us": spent})
-    table = store_rows(Path(config.output), pd.DataFrame(rows), KEY)
+        spent = round(1e6 * (process_time() - begun) / config.asked, 2)
+        row = {
+            "robot": config.robot,
+            "form": form,
+            "kB": round(size / 1000),
+            **errors(found, truth),
+            "us": spent,
+            **drew,
+        }
+        table = store_rows(Path(config.output), pd.DataFrame([row]), KEY)
     console.print(table.round(1).to_markdown(index=False), soft_wrap=True, highlight=False, markup=False)
 
 
@@ -102,7 +117,7 @@ def errors(found: "ValueAndGradients", truth: "ValueAndGradients") -> dict[str, 
     """Root mean square of what is missing, in percent of the truth's own: value, slopes over position, direction."""
     names = ("value off by, %", "slope over position, %", "slope over direction, %")
     return {
-        name: 100 * float(np.sqrt(((one - other) ** 2).mean() / (other**2).mean()))
+        name: round(100 * float(np.sqrt(((one - other) ** 2).mean() / (other**2).mean())), 3)
         for name, one, other in zip(names, found, truth, strict=True)
     }
 
@@ -157,4 +172,4 @@ def networks(
 
 
 if __name__ == "__main__":
-    run_command(main, LearnedEnergyConfig, "studies.learned_energy")
+    run_command(main, LearnedEnergyConfig, "learned_energy")

@@ -114,8 +114,7 @@ class Surroundings:
 
     def _no_farther_than(self, q: Float[np.ndarray, " dof"]) -> float:
         """How far the nearest cuboid is at most, in [m]: as the middles of the arm's shapes are from cuboids."""
-        self.data.qpos[:] = q
-        mujoco.mj_kinematics(self.model, self.data)
+        self._move_to(q)
         middles, axes = self.data.geom_xpos, self.data.geom_xmat[self._cuboids].reshape(-1, 3, 3)
         seen = np.einsum("lci,cij->lcj", middles[self._links, None] - middles[self._cuboids], axes)
         beyond = np.maximum(np.abs(seen) - self.model.geom_size[self._cuboids], 0.0)
@@ -130,11 +129,15 @@ class Surroundings:
         mujoco.mj_jac(self.model, self.data, moves, None, point, self.model.geom_bodyid[contact.geom[side]])
         return away @ moves
 
+    def _move_to(self, q: Float[np.ndarray, " dof"]) -> None:
+        """Put the arm's links where a configuration, in [rad], has them."""
+        self.data.qpos[:] = q
+        mujoco.mj_kinematics(self.model, self.data)
+
     def _near(self, q: Float[np.ndarray, " dof"]) -> set[int]:
         """Numbers of the cuboids that the arm is near to."""
         data = self.data
-        data.qpos[:] = q
-        mujoco.mj_kinematics(self.model, data)
+        self._move_to(q)
         mujoco.mj_collision(self.model, data)
         return (
             {self._number[i] for i in data.contact.geom.ravel().tolist() if i in self._number} if data.ncon else set()

@@ -21,23 +21,10 @@ MARGIN = 1.01
 
 
 class Spheres(NamedTuple):
-    """What compiled loops read of `BoundingSpheres`."""
+    """Spheres that hold the shapes of the links that move, as compiled loops read them; sorted by link."""
 
     frames: Float[np.ndarray, "dof1 3 4"]
-    start: Int[np.ndarray, " links1"]
-    joint: Int[np.ndarray, " links"]
-    centres: Float[np.ndarray, "spheres 3"]
-    radii: Float[np.ndarray, " spheres"]
-    whole_centres: Float[np.ndarray, "links 3"]
-    whole_radii: Float[np.ndarray, " links"]
-
-
-@dataclass(frozen=True)
-class BoundingSpheres:
-    """Spheres that hold the shapes of the links that move; sorted by link."""
-
-    links: tuple[str, ...]
-    """From base to flange."""
+    """The arm's joint frames (`kinematics.joint_frames`)."""
     start: Int[np.ndarray, " links1"]
     """Spheres of link i are `start[i]` to `start[i + 1]`."""
     joint: Int[np.ndarray, " links"]
@@ -50,8 +37,15 @@ class BoundingSpheres:
     """Centre of one sphere that holds all of a link's, in the frame of its joint, in [m]."""
     whole_radii: Float[np.ndarray, " links"]
     """In [m]."""
-    frames: Float[np.ndarray, "dof1 3 4"]
-    """The arm's joint frames (`kinematics.joint_frames`)."""
+
+
+@dataclass(frozen=True)
+class BoundingSpheres:
+    """Spheres around an arm's links, which keep apart where the links do."""
+
+    links: tuple[str, ...]
+    """From base to flange."""
+    spheres: Spheres
 
     @classmethod
     def around(
@@ -73,14 +67,14 @@ class BoundingSpheres:
             (np.linalg.norm(c - middle, axis=1) + r).max() for c, r, middle in zip(centres, radii, whole, strict=True)
         ]
         centres, radii = np.concatenate([*centres, np.zeros((0, 3))]), np.concatenate([*radii, []])
-        return cls(links, start, joint, centres, radii, whole, np.array(whole_radii), joint_frames(robot))
+        return cls(links, Spheres(joint_frames(robot), start, joint, centres, radii, whole, np.array(whole_radii)))
 
     def near_each_other(
         self, joints: Float[np.ndarray, "n dof"], pairs: list[tuple[str, str]]
     ) -> Bool[np.ndarray, "n pairs"]:
         """Whether spheres of each of these pairs of links meet in each configuration; if not, the links do not."""
         index = np.array([[self.links.index(a), self.links.index(b)] for a, b in pairs], dtype=np.int64).reshape(-1, 2)
-        return _near_each_other(joints, self._spheres, index)
+        return _near_each_other(joints, self.spheres, index)
 
     def near_solid(
         self, joints: Float[np.ndarray, "n dof"], links: list[str], solid: Float[np.ndarray, "slabs 3"]
@@ -93,7 +87,7 @@ class BoundingSpheres:
             solid: Slabs: bottom, top and radius, in joint 1's frame, in [m].
         """
         index = np.array([self.links.index(link) for link in links], dtype=np.int64)
-        return _near_solid(joints, self._spheres, index, solid)
+        return _near_solid(joints, self.spheres, index, solid)
 
     def turns_near(
         self,
@@ -113,17 +107,14 @@ class BoundingSpheres:
             turns: Angles in a circle; turn k adds k / turns of it to joint 1.
         """
         index = np.array([self.links.index(link) for link in links], dtype=np.int64)
-        return _turns_near(joints, self._spheres, index, centres, radii, turns)
+        return _turns_near(joints, self.spheres, index, centres, radii, turns)
 
-    def grown(self, by: float) -> "BoundingSpheres":
-        """The same spheres with radii that are larger by so many [m]."""
-        return replace(self, radii=self.radii + by, whole_radii=self.whole_radii + by)
-
-    @property
-    def _spheres(self) -> Spheres:
-        return Spheres(
-            self.frames, self.start, self.joint, self.centres, self.radii, self.whole_centres, self.whole_radii
-        )
+    def swept(self, angle: float) -> "BoundingSpheres":
+        """The same spheres, larger by what a point of them moves at most as its joint turns by an angle, in [rad]."""
+        spheres = self.spheres
+        by = (np.linalg.norm(spheres.centres, axis=1) + spheres.radii).max() * angle
+        larger = spheres._replace(radii=spheres.radii + by, whole_radii=spheres.whole_radii + by)
+        return replace(self, spheres=larger)
 
 
 def _cover_shape(shape: Shape, cube: float) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:

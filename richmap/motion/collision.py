@@ -232,8 +232,7 @@ class SelfCollision:
         within half a cell, leave out next to nothing that is free.
         """
         spheres = BoundingSpheres.around(robot, self._model, (link,), FINE)
-        farthest = (np.linalg.norm(spheres.centres, axis=1) + spheres.radii).max()
-        spheres = spheres.grown(farthest * np.pi / CELLS)
+        spheres = spheres.swept(np.pi / CELLS)
         joints = np.zeros((CELLS, len(robot.joints)))
         joints[:, 1] = 2 * np.pi * (np.arange(CELLS) + 0.5) / CELLS
         return spheres.near_solid(joints, [link], self._solid)[:, 0]

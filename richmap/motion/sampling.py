@@ -12,7 +12,7 @@ from richmap.motion.ground import lowest_points
 from richmap.motion.kinematics import flange_frames, joint_frames, way_about_z
 from richmap.robots.robot import RobotDescription
 
-ROUNDING = 1e-4
+BEYOND = 1e-4
 """A flange so far beyond a grid may be within it once its position is rounded, in [m]."""
 
 
@@ -115,8 +115,8 @@ def _may_be_within(grid: Grid, robot: RobotDescription, joints: Float[np.ndarray
     """Whether the flange may be within the grid at some angle of joint 1."""
     position, _ = flange_frames(robot, joints)
     way, centre = way_about_z(robot)
-    lower = np.array(grid.origin) - ROUNDING
-    upper = lower + grid.cell_size * np.array(grid.shape) + 2 * ROUNDING
+    lower = np.array(grid.origin) - BEYOND
+    upper = lower + grid.cell_size * np.array(grid.shape) + 2 * BEYOND
     if way == 0:
         return np.less_equal(lower, position).all(1) & np.less_equal(position, upper).all(1)
     lower[:2], upper[:2] = lower[:2] - centre, upper[:2] - centre
