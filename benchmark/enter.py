@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from benchmark.rollouts.rollout import Rollout
+    from envs.task import Task
 
 ALONE = 3
 """Episodes of an entry that are run once more, each alone, before its rows stand."""
@@ -197,14 +198,14 @@ def main(config: EnterConfig) -> None:
         checkpoints = entry.checkpoints(
             config.seeds, runs[0].task, ranks[:1] if config.suite or config.protocol.best_only else ranks
         )
-        arms = [(run, arm) for run in runs for arm in chosen_arms(run)]
+        arms = [(run, arm) for run in runs for arm in chosen_arms(run, task)]
         rollouts = [
             each.rollout(run, task, arm, path, console) for each in entries for run, arm in arms for path in checkpoints
         ]
         if config.table:
             check(config, rollouts, console)
         else:
-            tables += [evaluate(entry, rollouts, runs[0], console), direct_transfer(config, direct, console)]
+            tables += [evaluate(entry, rollouts, runs[0], console), direct_transfer(config, direct, task, console)]
     if config.suite and tables:
         ceilings, rows = read_ceilings(ceilings_file(config.suite)), pd.concat(tables, ignore_index=True)
         show_suite(config.suite, config.conditions, rows, ceilings)
@@ -224,7 +225,9 @@ def final_rows(config: EnterConfig, entry: Entry) -> "pd.DataFrame":
     return rows[named & rows.episode_seed.isin(config.scenes)]
 
 
-def direct_transfer(config: EnterConfig, runs: "Sequence[RunConfig]", console: "Console") -> "pd.DataFrame":
+def direct_transfer(
+    config: EnterConfig, runs: "Sequence[RunConfig]", task: "Task", console: "Console"
+) -> "pd.DataFrame":
     """Episodes of our policies without guidance on the same scenes: those that are published, and on validation scenes
     also those that lack, which are stored in a folder `direct` beside the entry's."""
     import pandas as pd
@@ -234,11 +237,10 @@ def direct_transfer(config: EnterConfig, runs: "Sequence[RunConfig]", console: "
     from benchmark.rollouts.make_rollout import Stage
     from benchmark.rollouts.missing_episodes import play_and_store
 
-    name, task = runs[0].task, chosen_task(runs[0].task)
-    if not shipped(task=name):  # Of this task we have no policies.
+    if not shipped(task=task.name):  # Of this task we have no policies.
         return pd.DataFrame()
-    checkpoints = [checkpoint_folder(seed, task=name) for seed in config.seeds]
-    arms = [(run, arm) for run in runs for arm in chosen_arms(run)]
+    checkpoints = [checkpoint_folder(seed, task=task.name) for seed in config.seeds]
+    arms = [(run, arm) for run in runs for arm in chosen_arms(run, task)]
     rollouts = [Stage(run, task, arm, path, console).rollout(0.0) for run, arm in arms for path in checkpoints]
     if config.scenes.start < FIRST_TEST_SEED:
         return pd.concat(play_and_store(rollouts, runs[0], console, "direct transfer"))

@@ -63,13 +63,12 @@ def suite_arms(conditions: Mapping[str, ConditionConfig]) -> "dict[str, PlacedAr
     return {name: chosen_arm(condition, chosen_task(condition.task)) for name, condition in conditions.items()}
 
 
-def chosen_arms(config: RunConfig) -> "list[PlacedArm]":
-    """The arms of a run of one task: of its suite, or the one that settings describe.
+def chosen_arms(config: RunConfig, task: "Task") -> "list[PlacedArm]":
+    """The arms of a run of a task: of its suite, or the one that settings describe.
 
     Raises:
         SettingError: If one cannot hold its tool over the task's start so.
     """
-    task = chosen_task(config.task)
     return [chosen_arm(each, task) for each in config.conditions.values()] or [chosen_arm(config, task)]
 
 

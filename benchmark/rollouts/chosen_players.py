@@ -44,7 +44,8 @@ def chosen_players(config: RunConfig, console: "Console") -> "Sequence[Player]":
         SettingError: If a policy is not there or cannot be guided, no scale was chosen, or an arm cannot hold its tool
             over the task's start.
     """
-    task, checkpoints, arms = chosen_task(config.task), chosen_checkpoints(config), chosen_arms(config)
+    task, checkpoints = chosen_task(config.task), chosen_checkpoints(config)
+    arms = chosen_arms(config, task)
     if config.method in ORACLE_METHODS.values():
         return [oracle_of(config.method, task, arm) for arm in arms]
     return rollouts_of([Stage(config, task, arm, checkpoint, console) for arm in arms for checkpoint in checkpoints])

@@ -115,5 +115,5 @@ def _stages(run: RunConfig, console: "Console") -> "list[Stage]":
 
     task = chosen_task(run.task)
     checkpoints = [checkpoint_folder(seed, task=run.task) for seed in run.seeds]
-    arms = chosen_arms(run)
+    arms = chosen_arms(run, task)
     return [Stage(run, task, arm, checkpoint, console) for arm in arms for checkpoint in checkpoints]
