@@ -37,8 +37,8 @@ class Guidance(ABC):
     repeats: int = 1
     """How often the actions are denoised at each level of noise: all but the last time they are noised to it again."""
     field_kind: ClassVar[str] = "none"
-    """Of a class that is run from a file: what it is made with, energy (of similarity to the source), feasibility
-    (signed distance to the border of what the arm can hold, in m) or none."""
+    """Of a class that is run from a file: the kind of field that it is made with (`policies.method.Method.field`), such
+    as energy, or none."""
     default_scale: ClassVar[float | None] = None
     """Likewise: the scale that it has unless another is given, in its own unit; None if there is none to recommend."""
 

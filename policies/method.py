@@ -25,7 +25,7 @@ FIELD_NEEDS = {
 }
 """What each kind of field is made of."""
 AT_ONE_HEIGHT = ("feasibility", "reach", "branch_reach")
-"""Kinds of field of a tool that is held upright at one height."""
+"""Kinds of field of a tool that is held upright at one height over the table, that of block push."""
 SIMULATOR = "simulator (privileged)"
 """What no robot has: the episode itself, to try things in."""
 SHAPES = "shapes of the arm's links"
@@ -35,7 +35,9 @@ MOST_SAMPLES = 32
 
 def is_of(kind: str | None, space: "TaskSpace") -> bool:
     """Whether a kind of field can be one of a task's poses; None, for no field, always can."""
-    return kind not in AT_ONE_HEIGHT or len(space.steps.moved) == 2
+    from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
+
+    return kind not in AT_ONE_HEIGHT or space.steps == BLOCK_PUSH_SPACE.steps
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,8 @@ class Method:
         if self.task not in (None, space.name):
             return f"{self.name} is for {self.task} alone"
         if not is_of(self.field, space):
-            return f"{self.name} looks at where an arm holds its tool upright at one height, unlike {space.name}"
+            held = "upright at one height, block push's"
+            return f"{self.name} looks at where an arm holds its tool {held}, unlike {space.name}"
         return ""
 
     def scales(self, points: int) -> list[float]:

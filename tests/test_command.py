@@ -24,7 +24,6 @@ BAD = {
     "robot.path=a.urdf": "robot.path=a.urdf goes with robot=custom. Here robot=ur3.",
     "lamda=1": "There is no setting 'lamda'. Did you mean 'lambda'? See all settings: python -m benchmark.run --help",
     "map.cel_size=1": "Did you mean 'map.cell_size'?",
-    "slots=50": "There is no setting 'slots'. Did you mean 'batch_size'?",
     "lambda=-1": "Allowed: any number >= 0",
     "lambda=abc": "any number >= 0",
     "lambda=nan": "any number >= 0",
@@ -91,7 +90,7 @@ def test_a_bad_setting_ends_in_one_line(give, argument):
     "arguments, message",
     [
         (("task=press_buttons", "method=reorder"), "method=reorder: reorder is for block_push alone."),
-        (("task=press_buttons", "method=projection"), "upright at one height, unlike press_buttons."),
+        (("task=press_buttons", "method=projection"), "upright at one height, block push's, unlike press_buttons."),
         (("method=plan_on_arm", "lambda=16"), "it imagines episodes, and block_push has no model to do that with."),
     ],
 )

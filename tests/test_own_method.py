@@ -100,7 +100,7 @@ def test_it_is_made_with_the_field_that_it_asks_for(brief, tmp_path):
 
 def test_a_field_of_another_task_s_poses_is_refused(tmp_path):
     method = asking_for(tmp_path, "feasibility")
-    with pytest.raises(SettingError, match="held upright at one height, unlike that of press_buttons. Ask for energy,"):
+    with pytest.raises(SettingError, match="block push's, unlike that of press_buttons. Ask for energy,"):
         run.main(configured(method, tmp_path / "out", task="press_buttons", guidance_scale=0.9))
     assert not (tmp_path / "out").exists()
 

@@ -1,5 +1,6 @@
 """An arm is placed once and handed on; it may stand turned, and what does not ship can be placed as well."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,14 +23,17 @@ ROOT = Path(__file__).parents[1]
 DOORS = {
     "richmap/robots/robots.py", "richmap/physics/convex_parts.py", "envs/arm/place_arm.py",
     "benchmark/settings/robot_config.py", "benchmark/artifacts/maps.py", "policies/within_reach.py",
+    "benchmark/check.py", "benchmark/episodes/arm.py",
 }  # fmt: skip
-"""Where an arm is looked up by its name, besides studies and what verifies maps."""
+"""Where an arm or its file is looked up by a name that was typed or that a row has, besides studies and what verifies
+maps."""
 
 
 def test_below_the_door_no_arm_is_looked_up_by_name():
     packages = "benchmark", "envs", "policies", "richmap"
     files = [file for package in packages for file in (ROOT / package).rglob("*.py")]
-    found = {file.relative_to(ROOT).as_posix() for file in files if "load_robot(" in file.read_text()}
+    looks_up = re.compile(r"\b(load_robot|robot_file)\(")
+    found = {file.relative_to(ROOT).as_posix() for file in files if looks_up.search(file.read_text())}
     studies = ("benchmark/studies/", "benchmark/map_quality/")
     assert {file for file in found if not file.startswith(studies)} <= DOORS
 

@@ -147,8 +147,10 @@ def branch_of(row: Mapping[str, Any]) -> str:
 
 def branch_text(row: Mapping[str, Any]) -> str:
     """The same for people: wrist out, or branch found."""
+    from envs.arm.task_poses import FOUND
+
     branch = branch_of(row)
-    return branch.replace("_", " ") if branch.startswith("wrist_") else f"branch {branch}"
+    return f"branch {FOUND}" if branch == FOUND else branch.replace("_", " ")
 
 
 def setting_text(row: Mapping[str, Any]) -> str:

@@ -183,8 +183,8 @@ class Entry:
         about = self.about
         if not is_of(self.kind, task.space):
             raise SettingError(
-                f"{self.method} asks for a field of {self.kind}, of a tool that is held upright at one height, unlike "
-                f"that of {task.name}. Ask for energy, coverage, branch_coverage or witness."
+                f"{self.method} asks for a field of {self.kind}, of a tool that is held upright at one height, block "
+                f"push's, unlike that of {task.name}. Ask for energy, coverage, branch_coverage or witness."
             )
         if about.policy and Checkpoint(checkpoint).type == GUIDED:
             sampler, steps = Checkpoint(checkpoint).sampler  # As it was saved, whatever ours are sampled by.

@@ -90,7 +90,7 @@ def run_command[Config](
         elif _completes(flags) and overrides == ["install=bash"]:
             print(COMPLETION)
         elif _completes(flags) and "COMP_LINE" not in os.environ:
-            raise SettingError("-sc is for a shell, which sets COMP_LINE. What you type is -sc install=bash.")
+            raise SettingError("Words are completed in bash alone. What you type is -sc install=bash.")
         else:
             sys.argv[1:] = [*flags, *overrides]
             with sweeping():

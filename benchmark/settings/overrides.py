@@ -63,10 +63,6 @@ def named(overrides: Sequence[str], positional: Sequence[str]) -> list[str]:
     return [f"{names[each].pop(0)}={each}" if names.get(each) else each for each in overrides]
 
 
-FORMER = {"slots": "batch_size"}
-"""What settings were once called."""
-
-
 SUITES_OWN = ("task", "robot", "robots", "setting", "settings", "arm", "seed")
 """Settings in place of which a suite has others; of its training seeds `seeds` chooses some."""
 
@@ -93,7 +89,7 @@ def checked(overrides: Iterable[str], known: Mapping[str, Setting], name: str, s
             if override.startswith("~"):
                 raise SettingError(f"{override} would take a setting away. Give it a value: {key}=value.")
             if key not in known:
-                close = [FORMER[key]] if key in FORMER else difflib.get_close_matches(key, known, n=1)
+                close = difflib.get_close_matches(key, known, n=1)
                 hint = f"Did you mean {close[0]!r}? " if close else ""
                 raise SettingError(f"There is no setting {key!r}. {hint}{_where(name)}")
             if key in given:

@@ -19,8 +19,6 @@ SOURCE_IN_WORDS = "xArm6"
 PAPER_ARMS = (SOURCE, "ur3", "ur5", "ur10")
 """The source and the arms that the paper transfers to: what lists of arms hold unless told otherwise."""
 
-"""What an arm may do and where it stands (`envs.arm.place_arm.BINDS`)."""
-
 
 @dataclass(unsafe_hash=True)
 class RobotConfig:

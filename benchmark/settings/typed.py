@@ -1,11 +1,12 @@
 """The composed settings as an object of their schema."""
 
 import sys
+from dataclasses import fields
 from functools import reduce
 from typing import Any, cast
 
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import ConfigKeyError, OmegaConfBaseException
 
 from benchmark.settings.limits import check_limits
 from benchmark.settings.setting import PYTHON_NAME, TYPED_NAME, SettingError, choices_of, settings_of, short
@@ -19,6 +20,9 @@ def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
     Raises:
         SettingError: If one has a value that it cannot have.
     """
+    known = {TYPED_NAME.get(field.name, field.name) for field in fields(schema)}  # type: ignore[arg-type]
+    if unknown := [str(key) for key in config if str(key) not in known]:
+        raise SettingError(f"There is no setting {unknown[0]!r}, which a file gives. Take it out of the file.")
     try:
         values = {PYTHON_NAME.get(str(key), str(key)): value for key, value in config.items()}
         for key in choices_of(schema):
@@ -33,13 +37,15 @@ def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
         wrong = next((name for name, x in _flat(raw).items() if type(x) is int and abs(x) > MOST), "a setting")
         raise SettingError(f"{wrong} is not allowed: it is beyond {MOST:g}.") from error
     except OmegaConfBaseException as error:
-        known, key = settings_of(schema), TYPED_NAME.get(str(error.full_key), str(error.full_key))
-        if key not in known:
+        settings, key = settings_of(schema), TYPED_NAME.get(str(error.full_key), str(error.full_key))
+        if isinstance(error, ConfigKeyError):
+            raise SettingError(f"There is no setting {key!r}, which a file gives. Take it out of the file.") from error
+        if key not in settings:
             raise SettingError(f"{key}: {' '.join(str(error.msg or error).split())}") from error
         raw = OmegaConf.to_container(config, resolve=False)
         value = reduce(lambda node, part: node[part], key.split("."), raw)
         shown = "null" if value is None else value
-        raise SettingError(f"{key}={shown} is not allowed. {key}: {short(known[key].text)}") from error
+        raise SettingError(f"{key}={shown} is not allowed. {key}: {short(settings[key].text)}") from error
 
 
 def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
