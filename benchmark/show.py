@@ -84,7 +84,10 @@ def main(config: ShowConfig) -> None:
     read = [(task, read_present(path, task)) for task in tasks]
     tables = [(task, episodes) for task, episodes in read if len(episodes)]
     if not tables:
-        raise SettingError(f"table={path} holds no episodes of {' or '.join(task.name for task in tasks)}.")
+        raise SettingError(
+            f"table={path} holds no episodes of {' or '.join(task.name for task in tasks)}. "
+            "Rows of another task need task=…"
+        )
     if config.eval_info:
         for task, episodes in tables:
             folder = Path(config.eval_info, *[task.name] * (len(tables) > 1))

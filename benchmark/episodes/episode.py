@@ -175,10 +175,8 @@ def plain(value: Any) -> Any:
 
 def row_name(row: Mapping[str, Any]) -> str:
     """What a row is called where it is refused."""
-    return (
-        f"{row['robot']}, {row['setting']}, {row['method']} {row['lambda']}, {row['checkpoint']}, "
-        f"episode {row['episode_seed']}"
-    )
+    policy = [f"{row['method']} {row['lambda']}", row["checkpoint"]] if row["checkpoint"] else [row["method"]]
+    return ", ".join([row["robot"], row["setting"], *policy, f"episode {row['episode_seed']}"])
 
 
 def differences(row: Mapping[str, Any], episode: Episode) -> dict[str, tuple[Any, Any]]:

@@ -6,6 +6,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from benchmark.settings.config import RunConfig
 from benchmark.settings.recipe import USUAL
 from benchmark.settings.scenes import FIRST_TEST_SEED
 from benchmark.settings.setting import SettingError
@@ -66,10 +67,12 @@ def read_boards(folder: Path, task: "Task", recipe: str = USUAL, protocols: Sequ
                 track = partial(progress.track, description=f"Rows of protocol {protocol.name}")
                 tables[protocol] = with_oracles(leaderboard(rows, protocol, task, track), episodes, protocol, task)
     if not tables:
+        of_task = "" if task.name == RunConfig.task else f"task={task.name} "
         raise SettingError(
             f"There are no test episodes (seeds from {FIRST_TEST_SEED}) of a protocol that count, in any "
-            f"table of episodes under {folder}. Make some: python -m benchmark.run protocol=strict robot=ur3 "
-            f"recipe={recipe}. For a table of any other rows: python -m benchmark.show table={folder}"
+            f"table of episodes under {folder}. Make some: python -m benchmark.run {of_task}protocol=strict "
+            f"robot=ur3 recipe={recipe}. For a table of any other rows: python -m benchmark.show {of_task}"
+            f"table={folder}"
         )
 
     @cache

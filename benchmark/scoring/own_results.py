@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmark.scoring.text_table import text_table
+from benchmark.settings.config import ORACLE_METHODS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,7 +60,8 @@ def results_text(table: "pd.DataFrame", task: "Task", width: int | None = None) 
             ]
             for _, row in group.sort_values(["method", "lambda"], key=_direct_first).iterrows()
         ]
-        policies = "1 policy" if group.checkpoints.max() == 1 else f"{group.checkpoints.max()} policies"
+        n, oracles = group.checkpoints.max(), group.method.isin(ORACLE_METHODS.values()).all()
+        policies = "no policy" if oracles else "1 policy" if n == 1 else f"{n} policies"
         parts += [
             f"{arm}; {policies}. {name} in percent, minus direct in points,",
             "both with 95 % intervals for other trainings and scenes.",

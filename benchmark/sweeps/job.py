@@ -141,7 +141,8 @@ def job_name(config: RunConfig) -> str:
         return f"{config.suite}, {method}"
     policy = Path(config.policy).name or policy_name(config.recipe, config.seed, config.checkpoint)
     acting = [] if config.method in ORACLE_METHODS.values() else [policy]
-    return ", ".join([config.robot.name, config.setting, method, *acting])
+    scenes = [f"scenes from {config.seed_start}"] if config.seed_start != RunConfig.seed_start else []
+    return ", ".join([config.robot.name, config.setting, method, *acting, *scenes])
 
 
 @cache
