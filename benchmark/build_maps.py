@@ -6,13 +6,12 @@ python -m benchmark.build_maps robot=ur3
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rich.console import Console
-
 from benchmark.artifacts.maps import energy_field, robot_map
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_file
 from benchmark.settings.robot_config import RobotConfig, robot_field
+from richmap.progress import plain_console
 
 
 @dataclass
@@ -38,7 +37,7 @@ class BuildMapsConfig:
 
 def main(config: BuildMapsConfig) -> None:
     """Build what is missing and say where it is."""
-    console, robot, base = Console(), config.robot.load(), (0.0, 0.0, 0.0)
+    console, robot, base = plain_console(), config.robot.load(), (0.0, 0.0, 0.0)
     if config.with_field:
         _, path = energy_field(robot, base, config.map, config.energy, config.workers, console)
         console.print(f"Energy field: {path}", soft_wrap=True)

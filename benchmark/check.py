@@ -126,14 +126,13 @@ class CheckConfig:
 
 def main(config: CheckConfig) -> None:
     """Follow the path, say what becomes of it, and write tables, a picture and a page."""
-    from rich.console import Console
-
     from benchmark.artifacts.check_files import counted, save_check
     from richmap.paths.check import check
+    from richmap.progress import plain_console
     from richmap.robots import ROBOTS
     from richmap.robots.robots import robot_file
 
-    console, robot = Console(), config.robot.load()
+    console, robot = plain_console(), config.robot.load()
     if not config.poses and config.robot.name in ROBOTS:
         robot = robot_file(config.robot.name).scaled  # As the task has it.
     path, where = poses(config, console)

@@ -10,9 +10,9 @@ from benchmark.sweeps.scale_choice import ChooseScalesConfig, choose, written
 
 def main(config: ChooseScalesConfig) -> None:
     """Roll out what is not stored yet, and write the scale that does best over all conditions into the task's file."""
-    from rich.console import Console
+    from richmap.progress import plain_console
 
-    console = Console()
+    console = plain_console()
     for method in config.methods:
         for run in config.runs(method):
             console.print(f"{method} in {run.task}: {config.budget_text(run)}")

@@ -98,7 +98,6 @@ def is_evaluation(path: Path) -> bool:
 def rolled_out(config: ComparePoliciesConfig) -> "pd.DataFrame":
     """Pairs of episodes of both checkpoints; with stop_early batch after batch, until it is clear."""
     import pandas as pd
-    from rich.console import Console
 
     from benchmark.artifacts.known_policies import policy_folder
     from benchmark.rollouts.make_rollout import make_rollout
@@ -106,8 +105,9 @@ def rolled_out(config: ComparePoliciesConfig) -> "pd.DataFrame":
     from benchmark.scoring.anytime import first_clear
     from benchmark.scoring.eval_info import episodes_for
     from benchmark.scoring.two_policies import paired_episodes
+    from richmap.progress import plain_console
 
-    console, run = Console(stderr=True), config.run("")
+    console, run = plain_console(stderr=True), config.run("")
     folders = [policy_folder(given, config.task) for given in (config.a, config.b)]
     rollouts = [make_rollout(config.run(str(folder)), 0.0, folder, console) for folder in folders]
     parts = []

@@ -177,13 +177,13 @@ def main(config: EnterConfig) -> None:
     if config.table and not (Path(config.table).is_dir() or Path(config.table).is_file()):
         raise SettingError(f"table={config.table} is not there. Give a folder of episodes, or a Parquet file.")
     import pandas as pd
-    from rich.console import Console
 
     from benchmark.scoring.ceiling import ceilings_file, read_ceilings
     from benchmark.scoring.own_results import show_results
     from benchmark.scoring.suite_table import show_suite
+    from richmap.progress import plain_console
 
-    console, tables = Console(), []
+    console, tables = plain_console(), []
     tasks = tasks_of(config.conditions) if config.suite else [config.task]
     if entry.about.policy and len(tasks) > 1:
         raise SettingError(

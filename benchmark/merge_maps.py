@@ -30,13 +30,12 @@ class MergeMapsConfig:
 def main(config: MergeMapsConfig) -> None:
     """Merge and say what came of it."""
     check_setting(len(config.inputs) >= 2, "inputs", config.inputs, "two map files or more, as in inputs=[a,b]")
-    from rich.console import Console
-
     from richmap.maps.construction import merge
     from richmap.maps.reachability_map import ReachabilityMap
     from richmap.outputs import FileRefusedError
+    from richmap.progress import plain_console
 
-    console, robot, output = Console(), config.robot.load(), Path(config.output)
+    console, robot, output = plain_console(), config.robot.load(), Path(config.output)
     try:
         maps = [ReachabilityMap.load(Path(path), robot) for path in config.inputs]
         output.parent.mkdir(parents=True, exist_ok=True)

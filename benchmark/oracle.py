@@ -12,17 +12,16 @@ from benchmark.settings.config import OracleConfig
 
 def main(config: OracleConfig) -> None:
     """Play the episodes that are not stored, store them, and print the oracle's scores and causes of failure."""
-    from rich.console import Console
-
     from benchmark.episodes.arm import arm_name, chosen_arm
     from benchmark.rollouts.missing_episodes import play_missing
     from benchmark.scoring.scores import causes_text
     from benchmark.scoring.statistics import rate_interval
     from benchmark.settings.task import chosen_task
+    from richmap.progress import plain_console
 
     task = chosen_task(config.task)
     player = ArmOracle(task, chosen_arm(config, task), config.oracle)
-    output_dir, console = Path(config.output_dir) / arm_name(player.arm), Console()
+    output_dir, console = Path(config.output_dir) / arm_name(player.arm), plain_console()
     seeds = range(config.seed_start, config.seed_start + config.episodes)
     name = f"{player.oracle.capitalize()} oracle on {player.arm.robot}, {player.arm.setting}"
     (table,) = play_missing([player], seeds, lambda _: output_dir, config.workers, name, console)

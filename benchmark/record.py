@@ -50,9 +50,9 @@ class RecordConfig(RunConfig):
 
 def main(config: RecordConfig) -> None:
     """Play what was chosen and write each episode to `output_dir`."""
-    from rich.console import Console
+    from richmap.progress import plain_console
 
-    console = Console()
+    console = plain_console()
     if config.demonstration >= 0:
         _draw_demonstration(config, console)
     elif config.row or config.failed:
@@ -85,7 +85,9 @@ def _draw_rows(config: RecordConfig, console: "Console") -> None:
     if config.failed:
         rows = rows[rows.failure_cause.notna()] if len(rows) else rows
     if not len(rows):
-        raise SettingError(f"table={config.table} has no failed episodes of {config.task}.")
+        raise SettingError(
+            f"table={config.table} has no failed episodes of {config.task}. Rows of another task need task=…"
+        )
     rows = rows[~rows.method.isin(ORACLE_METHODS.values())].head(config.failed or None)
     if not len(rows):
         raise SettingError(f"What was chosen of table={config.table} are a scripted oracle's, which are not drawn.")
@@ -138,7 +140,7 @@ def _draw_demonstration(config: RecordConfig, console: "Console") -> None:
     kind = kind_of(recipe, seed)
     episode = demonstrate(recipe.demonstrator, env, seed, kind, recipe.burst_probability, recipe.detours, watch)
     env.close()
-    file = Path(config.output_dir) / f"demonstration-{seed}.webp"
+    file = Path(config.output_dir) / f"{SOURCE}-{config.task}-demonstration-{seed}.webp"
     how = "succeeded" if episode.successes[-1] else "failed"
     write_film(file, frames[episode.attempts][::2], 10, f"{SOURCE}, demonstration, seed {seed}, {kind}: {how}")
     console.print(f"{file}: {how}, {len(episode.actions)} steps", soft_wrap=True)

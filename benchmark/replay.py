@@ -27,11 +27,10 @@ if TYPE_CHECKING:
 def main(config: ReplayConfig) -> None:
     """Replay the chosen rows; of several, those whose pieces are on this machine. The exit status is 1 if a column of
     one is not bit-equal, or none could be replayed."""
-    from rich.console import Console
-
     from benchmark.episodes.episode import row_id, row_name
+    from richmap.progress import plain_console
 
-    console, equal, missing = Console(), True, 0
+    console, equal, missing = plain_console(), True, 0
     rows = chosen_rows(config).to_dict("records")
     for row in rows:
         console.print(f"{row_name(row)} ({row_id(row)})", soft_wrap=True, highlight=False)

@@ -21,7 +21,6 @@ from policies.methods import DIRECT
 def main(config: RunConfig) -> None:
     """Roll out with guidance, if any is named, and without on the same episodes, store every episode, and compare."""
     import pandas as pd
-    from rich.console import Console
 
     from benchmark.rollouts.chosen_players import chosen_players
     from benchmark.rollouts.missing_episodes import play_and_store
@@ -29,8 +28,9 @@ def main(config: RunConfig) -> None:
     from benchmark.scoring.report import print_report
     from benchmark.scoring.suite_table import show_suite
     from benchmark.sweeps.experiment_log import log_run, log_standing
+    from richmap.progress import plain_console
 
-    console = Console()
+    console = plain_console()
     if note := note_on_tuning(config):
         console.print(note)
     parts = config.parts

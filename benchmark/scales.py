@@ -17,14 +17,13 @@ def main(config: ScalesConfig) -> None:
     from benchmark.artifacts.known_policies import checkpoint_folder
 
     checkpoints = [checkpoint_folder(seed, config.checkpoint, config.recipe, config.task) for seed in config.seeds]
-    from rich.console import Console
-
     from benchmark.rollouts.arm_oracle import demonstrated_path
     from benchmark.rollouts.make_rollout import make_rollout
     from benchmark.scoring.guidance_figures import draw_fields, draw_success
     from policies.methods import METHODS
+    from richmap.progress import plain_console
 
-    console, folder, task = Console(), config.folder, chosen_task(config.task)
+    console, folder, task = plain_console(), config.folder, chosen_task(config.task)
     methods = swept_methods(config, console)
     console.print(budget(config, methods))
     direct = [

@@ -48,13 +48,12 @@ class SimilarityConfig:
 
 def main(config: SimilarityConfig) -> None:
     """Compare them and say how they differ."""
-    from rich.console import Console
-
     from benchmark.artifacts.maps import robot_map
     from richmap.geometry.grid import GridMismatchError
+    from richmap.progress import plain_console
     from richmap.similarity.similarity import compare_maps
 
-    console, (x, y, z) = Console(), map(float, config.base)
+    console, (x, y, z) = plain_console(), map(float, config.base)
     one, other = config.a.load(), config.b.load()
     of_one = robot_map(one, (0.0, 0.0, 0.0), config.map, config.workers, console)
     of_other = robot_map(other, (x, y, z), config.map, config.workers, console)

@@ -88,11 +88,10 @@ class SourcePoliciesConfig:
 
 def main(config: SourcePoliciesConfig) -> None:
     """Collect, train, validate and publish; a killed run goes on where it was."""
-    from rich.console import Console
-
     from benchmark.training.side_by_side import train_all
+    from richmap.progress import plain_console
 
-    console = Console()
+    console = plain_console()
     train_all(trainings(config), config.workers)
     table = ranking(validate(config, console), config.best, config.recipe)
     publish(table, config)

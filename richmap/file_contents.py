@@ -220,17 +220,22 @@ def _fields(about: dict[str, str], name: str, names: set[str]) -> dict:
 
 
 def _check_numbers(values: dict, limits: dict) -> None:
-    """Each value is a text, or a number of its type from the least to the most; whole ones pass for fractional ones."""
+    """Each value is a text of one line, or a number of its type from the least to the most; whole ones pass for
+    fractional ones."""
     for name, limit in limits.items():
         value = values[name]
         if limit is str:
-            right = type(value) is str
+            right = type(value) is str and value.isprintable()
         else:
             kind, least, most = limit
             right = type(value) in {kind, int} and least <= value <= most
         if not right:
-            wanted = "a text" if limit is str else f"{limit[0].__name__} from {limit[1]:g} to {limit[2]:g}"
-            raise ValueError(f"{name} is {str(value)[:50]}, not {wanted}")
+            wanted = (
+                "a text that can be printed"
+                if limit is str
+                else f"{limit[0].__name__} from {limit[1]:g} to {limit[2]:g}"
+            )
+            raise ValueError(f"{name} is {str(value)[:50]!r}, not {wanted}")
 
 
 def _check_names(arrays: Arrays, needed: set[str], possible: frozenset[str] = frozenset()) -> None:

@@ -45,10 +45,15 @@ class SpokenProgress(Progress):
         self.console.print(" ".join(map(str, texts)) + left, soft_wrap=True, markup=False)
 
 
+def plain_console(**settings: Any) -> Console:
+    """A console that prints a text as it is, whatever brackets and colons are in it."""
+    return Console(markup=False, emoji=False, **settings)
+
+
 def progress_bar(console: Console | None = None, period: int | float = 30.0) -> SpokenProgress:
     """A bar with count, time used and time left, which is that at the speed of the last `period` seconds."""
     return SpokenProgress(
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),

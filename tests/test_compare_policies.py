@@ -198,8 +198,11 @@ def test_stored_rows_are_written_by_show_and_compared(tmp_path, capsys):
 
 
 def test_the_two_are_given_by_their_place_or_by_name(write, monkeypatch, capsys):
-    assert named(["x", "episodes=3", "y"], ("a", "b")) == ["a=x", "episodes=3", "b=y"]
-    assert named(["x", "x", "z"], ("a", "b")) == ["a=x", "b=x", "z"] and named(["~x", "x"], ()) == ["~x", "x"]
+    known = {"a", "b", "episodes"}
+    assert named(["x", "episodes=3", "y"], ("a", "b"), known) == ["a=x", "episodes=3", "b=y"]
+    assert named(["x", "x", "z"], ("a", "b"), known) == ["a=x", "b=x", "z"]
+    assert named(["epoch=3/act", "b=y/z"], ("a", "b"), known) == ["a=epoch=3/act", "b=y/z"]
+    assert named(["~x", "x"], (), known) == ["~x", "x"]
     a, b = (write(name, lerobots(("pusht", 0, digits))) for name, digits in (("a", BETTER), ("b", ACT)))
     monkeypatch.setattr(command.signal, "signal", lambda *_: None)
     for arguments, status, said in (

@@ -13,6 +13,7 @@ from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 
 from benchmark.artifacts.checkpoint import Checkpoint
+from benchmark.artifacts.checkpoint_files import check_files
 from benchmark.rollouts.checked_policy import checked_config, checked_policy
 from benchmark.rollouts.stock_policy import StockPolicy
 from benchmark.settings.command import SettingError
@@ -137,7 +138,8 @@ def test_types_that_fetch_models_by_name_are_not_run(copy, kind):
     "change, line",
     [
         ({"horizon": 10**9}, "horizon=1000000000. Allowed"),
-        ({"down_dims": [10_000_000]}, "but"),
+        ({"down_dims": [10_000_000]}, "down_dims=10000000. Allowed: numbers up to 65536."),
+        ({"down_dims": [40_000]}, "but"),
         ({"n_obs_steps": float("nan")}, "n_obs_steps=nan"),
         ({"horizon": "sixteen"}, "horizon='sixteen'"),
         ({"colour": "red"}, "colour"),
@@ -222,3 +224,29 @@ def test_the_weights_of_the_shipped_policies_are_those_of_their_hashes():
         assert "model.safetensors" in json.loads((folder / "hashes.json").read_text())
         with safe_open(folder / "model.safetensors", framework="numpy") as archive:
             assert list(archive.keys())
+
+
+@pytest.mark.parametrize("kind", ["act", "diffusion", "tdmpc", "vqbet"])
+def test_lerobot_s_own_defaults_are_within_the_limits(kind, tmp_path):
+    from lerobot.policies import make_policy_config
+
+    make_policy_config(kind, device="cpu")._save_pretrained(tmp_path)
+    save_file({"weight": torch.zeros(1)}, tmp_path / "model.safetensors")
+    check_files(tmp_path)
+
+
+@pytest.mark.parametrize("damage", ["left_out", "weights_instead", "no_number", "one_lacks"])
+def test_statistics_that_lack_or_are_no_numbers_are_refused(copy, damage):
+    file = copy / "policy_preprocessor.json"
+    (state,) = [step["state_file"] for step in json.loads(file.read_text())["steps"] if "state_file" in step]
+    values = load_file(copy / state)
+    first = next(name for name in values if name.startswith("observation.state."))
+    if damage in ("left_out", "weights_instead"):
+        other = None if damage == "left_out" else "model.safetensors"
+        edit(file, lambda content: [step.update(state_file=other) for step in content["steps"] if "state_file" in step])
+    elif damage == "no_number":
+        save_file(values | {first: torch.full_like(values[first], float("nan"))}, copy / state)
+    else:
+        feature = first.rpartition(".")[0]
+        save_file({name: x for name, x in values.items() if not name.startswith(feature + ".")}, copy / state)
+    assert "statistics" in refusal(copy)

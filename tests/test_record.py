@@ -40,11 +40,11 @@ def test_an_episode_is_recorded_as_a_worker_plays_it_whatever_the_number_of_thre
 @needs_egl
 def test_a_demonstration_is_drawn_with_a_caption_under_it(quick_films, tmp_path, capsys):
     main(RecordConfig(demonstration=0, output_dir=str(tmp_path)))
-    with Image.open(tmp_path / "demonstration-0.webp") as picture:
+    with Image.open(tmp_path / "xarm6-block_push-demonstration-0.webp") as picture:
         assert picture.width == 480 and picture.height > 360 and picture.n_frames > 20
         strip = np.asarray(picture.convert("L"))[360:]
     assert strip.max() > 240 and strip.min() < 120
-    assert "demonstration-0.webp: succeeded" in capsys.readouterr().out
+    assert "block_push-demonstration-0.webp: succeeded" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("settings", [{"row": "12345678", "failed": 1}, {"failed": 1, "demonstration": 0}])

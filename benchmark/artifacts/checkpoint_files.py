@@ -7,9 +7,11 @@ Here only steps that are registered under a name run, of those only the ones bel
 import math
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from safetensors import SafetensorError, safe_open
 
 from benchmark.settings.command import SettingError
@@ -38,8 +40,11 @@ NOISE_STEPS = re.compile("num_(train_time|inference_)steps")
 COUNTS = ("num_inference_steps", "num_train_timesteps", "n_obs_steps", "n_action_steps", "horizon", "chunk_size")
 """Settings that are whole numbers from 1 on."""
 MOST_LAYERS = 256
-LAYERS = re.compile("layer|block|ensemble|depth")
+LAYERS = re.compile("layer|block(?!_size)|ensemble|depth")
 """Settings that count parts of a network, which are made one by one."""
+LARGEST_SIZE = 65_536
+SIZES = re.compile("size|dim|horizon|chunk|width|height|channel|hidden|head|embed|n_obs|n_action")
+"""Settings that are lengths of what a network is made of."""
 
 
 def check_files(folder: Path) -> None:
@@ -63,12 +68,19 @@ def check_files(folder: Path) -> None:
     for name in PROCESSORS:
         if (folder / name).exists():
             _check_processor(folder, name)
-    try:
+    with _safely(folder, "its weights"):
         with safe_open(folder / WEIGHTS, framework="numpy") as archive:  # refuses what its length does not fit
             archive.keys()
         check_hashes(folder)
+
+
+@contextmanager
+def _safely(folder: Path, what: str) -> Iterator[None]:
+    """Raise `SettingError` for a file of tensors that cannot be read."""
+    try:
+        yield
     except (SafetensorError, OSError, ValueError) as error:
-        raise SettingError(f"policy={folder}: its weights are damaged. {error}") from error
+        raise SettingError(f"policy={folder}: {what} are damaged. {error}") from error
 
 
 def read_json(file: Path) -> dict[str, Any]:
@@ -92,7 +104,8 @@ def _check_config(folder: Path) -> None:
     if not isinstance(kind, str):
         raise SettingError(f"policy={folder}: its {CONFIG} has type={kind!r}. LeRobot writes a name, such as act.")
     for name, value in _numbers(config):
-        most = MOST_LAYERS if LAYERS.search(name) else MOST_NOISE_STEPS if NOISE_STEPS.search(name) else LARGEST_NUMBER
+        limits = {LAYERS: MOST_LAYERS, NOISE_STEPS: MOST_NOISE_STEPS, SIZES: LARGEST_SIZE}
+        most = next((limit for kind, limit in limits.items() if kind.search(name)), LARGEST_NUMBER)
         if not abs(value) <= most:  # also where it is not a number
             raise SettingError(f"policy={folder}: its {CONFIG} has {name}={value}. Allowed: numbers up to {most}.")
     for name in ("input_features", "output_features"):
@@ -152,6 +165,30 @@ def _check_processor(folder: Path, name: str) -> None:
         state = step.get("state_file")
         if state is not None and not (_is_plain(state) and (folder / state).is_file()):
             raise SettingError(f"policy={folder}: its {name} names a file that is not in the folder: {state!r}.")
+        if "norm_map" in settings:
+            _check_statistics(folder, name, settings, state)
+
+
+def _check_statistics(folder: Path, name: str, settings: dict[str, Any], state: str | None) -> None:
+    """Raise `SettingError` unless there are statistics, and numbers, of every feature that a step normalises."""
+    features, modes = settings.get("features"), settings["norm_map"]
+    if not (isinstance(features, dict) and all(map(_is_feature, features.values())) and isinstance(modes, dict)):
+        raise SettingError(f"policy={folder}: its {name} has features or a norm_map that are not LeRobot's.")
+    lacking = {key for key, each in features.items() if modes.get(each["type"], "IDENTITY") != "IDENTITY"}
+    if state is None:
+        there = {}
+    else:
+        with _safely(folder, f"the statistics {state}"), safe_open(folder / state, framework="numpy") as archive:
+            there = {key: archive.get_tensor(key) for key in archive.keys()}
+    for key, values in there.items():
+        whole = np.issubdtype(values.dtype, np.integer)
+        if not (whole or np.isfinite(values).all()) or (key.endswith(".std") and (values < 0).any()):
+            raise SettingError(f"policy={folder}: the statistics {key} of its {name} are no numbers. Train it again.")
+    lacking -= {key.rpartition(".")[0] for key in there}
+    if lacking:
+        raise SettingError(
+            f"policy={folder}: its {name} normalises {sorted(lacking)[0]}, and has no statistics of it. Copy it again."
+        )
 
 
 def _is_plain(name: Any) -> bool:

@@ -69,9 +69,9 @@ class CapabilityMapConfig:
 
 def main(config: CapabilityMapConfig) -> None:
     """Build what is missing and say where it is."""
-    from rich.console import Console
+    from richmap.progress import plain_console
 
-    capability_map(config.robot.load(), config, Console())
+    capability_map(config.robot.load(), config, plain_console())
 
 
 def capability_map(

@@ -52,13 +52,12 @@ class PicturesConfig:
 
 def main(config: PicturesConfig) -> None:
     """Draw everything; maps come from the cache, or are built first."""
-    from rich.console import Console
-
     from benchmark.artifacts.maps import robot_map
+    from richmap.progress import plain_console
     from richmap.robots.robots import load_robot
     from richmap.similarity.similarity import compare_maps
 
-    console = Console()
+    console = plain_console()
     origin, robot = (0.0, 0.0, 0.0), config.robot.load()
     of_robot = robot_map(robot, origin, config.map, config.workers, console)
     figures = map_figures(of_robot)

@@ -53,11 +53,10 @@ class SelfCollisionConfig:
 
 def main(config: SelfCollisionConfig) -> None:
     """Measure arm after arm, and store and print the table after each."""
-    from rich.console import Console
-
+    from richmap.progress import plain_console
     from richmap.robots.robots import load_robot
 
-    console = Console()
+    console = plain_console()
     for name in config.robots:
         check_setting(name in ROBOTS, "robots", name, ", ".join(ROBOTS))
     output_dir = Path(config.output_dir)

@@ -85,12 +85,12 @@ class SpeedConfig:
 def main(config: SpeedConfig) -> None:
     """Measure arm after arm, and store and print the table after each."""
     import pandas as pd
-    from rich.console import Console
 
+    from richmap.progress import plain_console
     from richmap.robots.robots import ROBOTS, load_robot
     from richmap.similarity.similarity import direction_moments
 
-    console = Console()
+    console = plain_console()
     for name in config.robots:
         check_setting(name in ROBOTS, "robots", name, ", ".join(ROBOTS))
     config = replace(config, device=_device(config))
@@ -122,16 +122,16 @@ def measure(
     """Rows of one arm; MMD is that of the first arm's map and this one's."""
     import numba
     import torch
-    from rich.console import Console
 
     from benchmark.map_quality.verified_maps import rm4d_map
+    from richmap.progress import plain_console
 
     for threads in config.threads:
         numba.set_num_threads(threads)
         torch.set_num_threads(threads)
         rows = []
         if "queries" in config.parts:
-            rows.append(query_speeds(built, rm4d_map(robot, config.workers, Console())[0], config))
+            rows.append(query_speeds(built, rm4d_map(robot, config.workers, plain_console())[0], config))
         if "insertion" in config.parts:
             rows.append(insertion_speeds(robot, built, config))
         if "sampling" in config.parts and threads == 1:

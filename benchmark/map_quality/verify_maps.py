@@ -37,13 +37,13 @@ RATES = ("accuracy", "tpr", "fpr")
 def main(config: VerifyMapsConfig) -> None:
     """Label the test poses, build what is missing, and write the tables."""
     import pandas as pd
-    from rich.console import Console
 
     from benchmark.map_quality.labels import TEST_SETS
+    from richmap.progress import plain_console
 
     for name in config.maps:
         check_setting(name in MAPS, "maps", name, ", ".join(MAPS))
-    console, output_dir = Console(), Path(config.output_dir)
+    console, output_dir = plain_console(), Path(config.output_dir)
     robot = config.robot.load()
     try:
         poses = {test_set: label_poses(robot, test_set, config, console) for test_set in TEST_SETS}

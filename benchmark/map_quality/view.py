@@ -61,14 +61,13 @@ class ViewConfig:
 
 def main(config: ViewConfig) -> None:
     """Write the page and open it. Coverage goes from dark (0) to bright (1), MMD from bright (0) to dark (1)."""
-    from rich.console import Console
-
     from benchmark.artifacts.maps import robot_map
     from richmap.maps.compression import coverage_fraction
+    from richmap.progress import plain_console
     from richmap.robots.robots import load_robot
     from richmap.similarity.similarity import compare_maps
 
-    console = Console()
+    console = plain_console()
     origin, robot = (0.0, 0.0, 0.0), config.robot.load()
     of_robot = robot_map(robot, origin, config.map, config.workers, console)
     cell = picked_cell(of_robot, config.cell)

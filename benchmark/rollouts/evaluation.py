@@ -4,13 +4,13 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from rich.console import Console
 
 from benchmark.artifacts.known_policies import policy_folder
 from benchmark.rollouts.chosen_players import chosen_players
 from benchmark.rollouts.missing_episodes import play_and_store
 from benchmark.settings.config import RunConfig
 from benchmark.settings.robot_config import RobotConfig
+from richmap.progress import plain_console
 
 
 def evaluate(
@@ -51,7 +51,7 @@ def evaluate(
         output_dir=str(output_dir),
         **settings,
     )
-    (config,), console = config.parts, Console(stderr=True)
+    (config,), console = config.parts, plain_console(stderr=True)
     *_, player = chosen_players(config, console)  # Direct transfer comes before.
     (rows,) = play_and_store([player], config, console)
     return rows

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from richmap.outputs import replacing
+from richmap.outputs import replacing, writing
 
 if TYPE_CHECKING:
     import gymnasium
@@ -45,9 +45,10 @@ def write_film(file: Path, frames: "Sequence[np.ndarray]", frames_per_second: fl
     if caption:
         strip = _written(caption, frames[0].shape[1])
         frames = [np.vstack([frame, strip]) for frame in frames]
-    with replacing(file) as path:
-        small: Any = {"quality": 50, "method": 6, "minimize_size": True}  # A third of WebP's usual size.
-        imageio.imwrite(path, frames, duration=1000 / frames_per_second, loop=0, **small)
+    small: Any = {"quality": 50, "method": 6, "minimize_size": True}  # A third of WebP's usual size.
+    film = imageio.imwrite("<bytes>", frames, extension=file.suffix, duration=1000 / frames_per_second, loop=0, **small)
+    with replacing(file) as path, writing(path):
+        path.write_bytes(film)
 
 
 def _written(text: str, width: int) -> np.ndarray:

@@ -42,17 +42,15 @@ def read_boards(folder: Path, task: "Task", recipe: str = USUAL, protocols: Sequ
     Raises:
         SettingError: If there are no rows that count.
     """
-    from rich.console import Console
-
     from benchmark.artifacts.known_policies import shipped
     from benchmark.episodes.checked_rows import read_checked
     from benchmark.scoring.oracle_scores import with_oracles
     from benchmark.scoring.ranking import counted, leaderboard, protocols_of
     from benchmark.scoring.suite_table import standings
-    from richmap.progress import progress_bar
+    from richmap.progress import plain_console, progress_bar
 
     tables = {}
-    with progress_bar(Console(stderr=True)) as progress:
+    with progress_bar(plain_console(stderr=True)) as progress:
         reading = progress.add_task("Reading episodes", total=None)
         episodes = read_checked(folder, task, FIRST_TEST_SEED)
         progress.remove_task(reading)

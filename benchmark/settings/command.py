@@ -1,5 +1,6 @@
 """The door of every command: settings from the command line through Hydra, one line for what is wrong with them."""
 
+import errno
 import os
 import signal
 import sys
@@ -40,6 +41,10 @@ complete -o nospace -o default -F _complete_benchmark python python3"""
 """For bash, in which Hydra's own completes scripts and installed commands, but not `python -m`."""
 
 OTHER_CACHE = "Choose another folder for the cache: XDG_CACHE_HOME=/some/folder before the command."
+OUT_OF_MEMORY = (
+    "error: This takes more memory than the process can have. Take larger cells (map.cell_size), fewer workers or "
+    "smaller batches."
+)
 GONE_ON = "What was finished is stored; the same command goes on from there."
 AGAIN = 5.0
 """After how long what ends a command is raised again, in [s]."""
@@ -78,7 +83,7 @@ def run_command[Config](
         if os.environ.get("MUJOCO_GL"):
             import envs  # noqa: F401, which says whether MuJoCo loads with that.
         flags, overrides = split(sys.argv[1:])
-        overrides = named(overrides, positional)
+        overrides = named(overrides, positional, settings_of(schema))
         register(schema, name)
         sweeps = not {"-m", "--multirun"}.isdisjoint(flags) or any(
             override.startswith(("experiment=", "hydra.mode=")) for override in overrides
@@ -115,7 +120,11 @@ def _one_line_for_errors(gone_on: Sequence[str]) -> Iterator[None]:
         _refuse(_in_our_words(error))
     except BrokenProcessPool:
         _end(1, "error: A worker process was killed, perhaps for want of memory.", *gone_on)
+    except MemoryError:
+        _end(1, OUT_OF_MEMORY, *gone_on)
     except OSError as error:
+        if error.errno == errno.ENOMEM:
+            _end(1, OUT_OF_MEMORY, *gone_on)
         if error.filename is None and error.errno in OF_DISKS:
             _end(1, f"error: {os.strerror(error.errno)}, as a file was written.", *gone_on)
         if error.filename is None or error.strerror is None:

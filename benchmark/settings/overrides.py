@@ -1,7 +1,8 @@
 """Arguments of a command as people type them: Hydra's flags, and overrides `setting=value`."""
 
 import difflib
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Container, Iterable, Mapping, Sequence
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Quote, QuotedString
@@ -54,9 +55,15 @@ def split(arguments: Iterable[str]) -> tuple[list[str], list[str]]:
     return flags, overrides
 
 
-def named(overrides: Sequence[str], positional: Sequence[str]) -> list[str]:
-    """The overrides, in which the first arguments that are not setting=value have the names of these settings."""
-    bare = [argument for argument in overrides if "=" not in argument and not argument.startswith("~")]
+def named(overrides: Sequence[str], positional: Sequence[str], known: Container[str]) -> list[str]:
+    """The overrides, in which the first arguments that are not setting=value have the names of these settings; a path
+    in which there is a = is none, unless what stands before it is a known setting."""
+
+    def is_bare(argument: str) -> bool:
+        name, equals, _ = argument.partition("=")
+        return not argument.startswith("~") and (not equals or ("/" in argument and name not in known))
+
+    bare = [argument for argument in overrides if is_bare(argument)]
     names: dict[str, list[str]] = {}
     for name, argument in zip(positional, bare, strict=False):
         names.setdefault(argument, []).append(name)
@@ -95,6 +102,11 @@ def checked(overrides: Iterable[str], known: Mapping[str, Setting], name: str, s
             if key in given:
                 raise SettingError(f"{key} is given twice. Give it once.")
             given.add(key)
+        if key in known and known[key].choices and (re.fullmatch(r"\[.*\]", value) or value == "null"):
+            a, b, *_ = known[key].choices
+            raise SettingError(
+                f"{override} is not allowed: it is one of {a}, {b} … To sweep over several: -m {key}={a},{b}"
+            )
         kind = known[key].kind if key in known else object
         if key in known and isinstance(known[key].default, list) and value and not sweeps and value[0] not in "[$'\"":
             override, value = f"{key}=[{value}]", f"[{value}]"  # A list may be written as a sweep's values are.

@@ -10,7 +10,10 @@ from benchmark.settings.setting import SettingError, check_setting
 def check_folder(folder: str, setting: str = "output_dir") -> None:
     """Raise `SettingError` unless the folder, or the one to make it in, can be written to."""
     check_setting(bool(folder), setting, folder, "the name of a folder")
-    existing = next(path for path in [Path(folder), *Path(folder).absolute().parents] if path.exists())
+    try:
+        existing = next(path for path in [Path(folder), *Path(folder).absolute().parents] if path.exists())
+    except OSError as error:  # A name that is too long.
+        raise SettingError(f"{setting}={folder[:80]}… is not allowed: {error.strerror}.") from error
     allowed = f"a folder that can be written to; {existing} cannot. Choose another: {setting}=/some/folder"
     check_setting(existing.is_dir() and os.access(existing, os.W_OK), setting, folder, allowed)
     try:

@@ -56,11 +56,11 @@ class ArmsConfig:
 def main(config: ArmsConfig) -> None:
     """Compute the rows that are missing, and write the table and the picture."""
     import pandas as pd
-    from rich.console import Console
 
+    from richmap.progress import plain_console
     from richmap.robots.robots import load_robot, robot_file
 
-    console, table = Console(), Path(config.table)
+    console, table = plain_console(), Path(config.table)
     rows = {row["robot"]: row for row in read_rows(table).to_dict("records")}
     for name in config.robots:
         key = load_robot(name).fingerprint, robot_file(name).scale, VERSION

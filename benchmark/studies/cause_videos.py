@@ -45,14 +45,13 @@ class CauseVideosConfig:
 
 def main(config: CauseVideosConfig) -> None:
     """Replay an episode of each cause that stored rows have, and write pictures and a table."""
-    from rich.console import Console
-
     from benchmark.artifacts.known_policies import RESULTS, policies_in
     from benchmark.episodes.table import read_present
     from benchmark.rollouts.row_rollout import policy_hash, row_rollout
     from benchmark.settings.replay_config import ReplayConfig
+    from richmap.progress import plain_console
 
-    console, output_dir = Console(), Path(config.output_dir)
+    console, output_dir = plain_console(), Path(config.output_dir)
     failed = read_present(Path(config.episodes), BLOCK_PUSH)
     if len(failed):
         failed = failed[failed.failure_cause.notna() & ~failed.method.isin(ORACLE_METHODS.values())]

@@ -46,15 +46,15 @@ class DecisionTimeConfig:
 def main(config: DecisionTimeConfig) -> None:
     """Time each method, and store and print the table."""
     import pandas as pd
-    from rich.console import Console
 
     from benchmark.artifacts.known_policies import checkpoint_folder
     from benchmark.artifacts.outputs import store_rows
     from benchmark.rollouts.make_rollout import make_rollout
     from benchmark.scoring.decision_time import KEY
     from benchmark.settings.robot_config import RobotConfig
+    from richmap.progress import plain_console
 
-    console, rows = Console(), []
+    console, rows = plain_console(), []
     for task in config.tasks:
         chosen = read_scales(scales_file(config.scales_dir, task))
         scales = {"direct": 0.0} | {name: float(said["scale"]) for name, said in chosen.items() if said["scale"]}

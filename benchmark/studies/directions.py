@@ -46,13 +46,12 @@ class DirectionsConfig:
 
 def main(config: DirectionsConfig) -> None:
     """Draw the figure; maps come from the cache, or are built first."""
-    from rich.console import Console
-
     from benchmark.artifacts.maps import compared_maps
+    from richmap.progress import plain_console
     from richmap.robots.robots import load_robot
     from richmap.similarity.directional import DirectionalCoverage, DirectionalEnergy
 
-    console, base = Console(), (0.0, 0.0, 0.0)
+    console, base = plain_console(), (0.0, 0.0, 0.0)
     source, target = compared_maps(load_robot(config.robot), base, config.map, config.workers, console)
     fields = {
         f"energy, {SOURCE} less {config.robot}": DirectionalEnergy.from_maps(source, target, base, "coverages"),

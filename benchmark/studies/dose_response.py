@@ -78,9 +78,9 @@ class DoseResponseConfig:
 
 def main(config: DoseResponseConfig) -> None:
     """Take a step of the study."""
-    from rich.console import Console
+    from richmap.progress import plain_console
 
-    {"predict": predict, "play": play, "analyse": analyse}[config.step](config, Console())
+    {"predict": predict, "play": play, "analyse": analyse}[config.step](config, plain_console())
 
 
 def chosen(config: DoseResponseConfig, console: "Console") -> "dict[str, tuple[StudyArm, PlacedArm]]":

@@ -39,11 +39,12 @@ class EnvironmentSpeedConfig:
 def main(config: EnvironmentSpeedConfig) -> None:
     """Print a row for each task and arm; time is that of the processor in `step`, without the oracle's."""
     import pandas as pd
-    from rich.console import Console
+
+    from richmap.progress import plain_console
 
     tasks = [chosen_task(name) for name in config.tasks]
     rows = [timed(task, robot, config.episodes) for task in tasks for robot in config.robots]
-    Console().print(pd.DataFrame(rows).round(2).to_markdown(index=False), soft_wrap=True)
+    plain_console().print(pd.DataFrame(rows).round(2).to_markdown(index=False), soft_wrap=True)
 
 
 def timed(task: "Task", robot: str, episodes: int) -> "dict[str, str | float]":

@@ -71,15 +71,15 @@ def main(config: LearnedEnergyConfig) -> None:
     """Measure each form, and store and print the table; maps come from the cache, or are built first."""
     import pandas as pd
     import torch
-    from rich.console import Console
 
     from benchmark.artifacts.maps import compared_maps
     from benchmark.artifacts.outputs import store_rows
+    from richmap.progress import plain_console
     from richmap.robots.robots import load_robot
     from richmap.similarity.directional import DirectionalEnergy
 
     torch.set_num_threads(1)
-    console, rng = Console(), np.random.default_rng(config.seed)
+    console, rng = plain_console(), np.random.default_rng(config.seed)
     base = (0.0, 0.0, 0.0)
     source, target = compared_maps(load_robot(config.robot), base, config.map, config.workers, console)
     energy = DirectionalEnergy.from_maps(source, target, base, "coverages")

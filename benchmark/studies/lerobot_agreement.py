@@ -80,9 +80,9 @@ class LerobotAgreementConfig:
 
 def main(config: LerobotAgreementConfig) -> None:
     """Evaluate with lerobot-eval and with our rollouts, store both, and write the comparison."""
-    from rich.console import Console
+    from richmap.progress import plain_console
 
-    console, output_dir = Console(), Path(config.output_dir)
+    console, output_dir = plain_console(), Path(config.output_dir)
     folder = output_dir / "lerobot_agreement"
     shared = {field.name: getattr(config, field.name) for field in fields(config)}
     run = RunConfig(**{**shared, "output_dir": str(folder), "device": "cpu"})

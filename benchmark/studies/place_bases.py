@@ -88,13 +88,12 @@ class CandidateBases:
 
 def main(config: PlaceBasesConfig) -> None:
     """Score places for each arm's base by its map, choose the branch there by feasibility, and write both down."""
-    from rich.console import Console
-
     from benchmark.artifacts.maps import robot_map
     from benchmark.rollouts.arm_oracle import demonstrated_path
+    from richmap.progress import plain_console
     from richmap.robots.robots import load_robot
 
-    console, output_dir = Console(), Path(config.output_dir)
+    console, output_dir = plain_console(), Path(config.output_dir)
     path = demonstrated_path(BLOCK_PUSH, config.episodes, console)
     arms = []
     for name in config.robots:

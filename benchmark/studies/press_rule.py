@@ -35,11 +35,10 @@ class PressRuleConfig:
 
 def main(config: PressRuleConfig) -> None:
     """Print how often a press counted at each angle, of the tries in which the cap went in."""
-    from rich.console import Console
-
     from envs.press_buttons.make import make
+    from richmap.progress import plain_console
 
-    console, env = Console(), make(config.robot)
+    console, env = plain_console(), make(config.robot)
     for angle in config.angles:
         rng = np.random.default_rng(round(1000 * angle))
         infos = [pushed(env, angle, BESIDE * np.sqrt(rng.random()), rng)[-1] for _ in range(config.tries)]

@@ -53,13 +53,13 @@ def main(config: PressableConfig) -> None:
     """Print and store, by condition and field, how often a button that is pressed looks better than one that is not."""
     import numpy as np
     import pandas as pd
-    from rich.console import Console
 
     from benchmark.artifacts.fields import guidance_field
     from benchmark.episodes.arm import suite_arms
     from richmap.outputs import replacing
+    from richmap.progress import plain_console
 
-    console, rows = Console(), []
+    console, rows = plain_console(), []
     conditions = {
         name: each
         for name, each in suite_conditions(config.suite).items()

@@ -109,14 +109,13 @@ def draw(episodes: "pd.DataFrame", number: int, seed: int) -> "pd.DataFrame":
 
 def traced(shown: "pd.DataFrame", table: str, answers: dict[str, Any]) -> "Iterator[Figure]":
     """A figure of each of these episodes, played again; what they failed by goes to `answers` under their numbers."""
-    from rich.console import Console
-
     from benchmark.episodes.episode import row_id
     from benchmark.rollouts.row_rollout import row_rollout
     from benchmark.settings.replay_config import ReplayConfig
+    from richmap.progress import plain_console
 
     for number, row in enumerate(shown.to_dict("records"), 1):
-        rollout = row_rollout(row, ReplayConfig(table=table), Console(quiet=True))
+        rollout = row_rollout(row, ReplayConfig(table=table), plain_console(quiet=True))
         infos, pictures, (began, cause) = seen(rollout, row["episode_seed"])
         answers[f"{number}"] = {
             "condition": row["condition"], "policy": row["checkpoint"], "seed": row["episode_seed"],

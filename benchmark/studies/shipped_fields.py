@@ -43,13 +43,12 @@ def main(config: ShippedFieldsConfig) -> None:
     """Make each field that is not there yet, and say what it takes."""
     from pathlib import Path
 
-    from rich.console import Console
-
     from benchmark.artifacts.fields import guidance_field
     from benchmark.episodes.arm import suite_arms
     from richmap.outputs import replacing
+    from richmap.progress import plain_console
 
-    console, folder = Console(), Path(config.output_dir)
+    console, folder = plain_console(), Path(config.output_dir)
     folder.mkdir(parents=True, exist_ok=True)
     for kind in config.kinds:
         for suite in config.suites:

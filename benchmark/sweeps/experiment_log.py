@@ -48,17 +48,16 @@ def log_field(config: RunConfig, player: "Player", group: str) -> None:
     """The field that guidance looks at, if it looks at one, as a W&B run: it uses the maps, and makes the field."""
     if config.wandb.mode == "disabled" or player.kind is None:
         return
-    from rich.console import Console
-
     from benchmark.artifacts.fields import made_of
     from benchmark.rollouts.rollout import Rollout
+    from richmap.progress import plain_console
 
     assert isinstance(player, Rollout)  # Nobody else is guided.
     rollout, of_map = player, config.map
     arm, kind = rollout.arm, str(rollout.kind)
     about = {"field": kind, "robot": arm.robot, "base": arm.base, "map": of_map.construction}
     with start_experiment(config.wandb, f"{kind} field, {arm.robot}", group, "field", about) as run:
-        for reachability_map in made_of(kind, arm, of_map, config.workers, Console(quiet=True)):
+        for reachability_map in made_of(kind, arm, of_map, config.workers, plain_console(quiet=True)):
             _use(run, _map(reachability_map))
         run.log_artifact(_field(rollout))
 

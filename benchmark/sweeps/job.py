@@ -88,17 +88,17 @@ def run_job(config: DictConfig) -> None:
 def _rolled_out(job: RunConfig, workers: int, sweep: Path) -> "pd.DataFrame":
     """The job's rows, stored and logged."""
     import pandas as pd
-    from rich.console import Console
 
     from benchmark.rollouts.chosen_players import chosen_players
     from benchmark.rollouts.missing_episodes import play_and_store
     from benchmark.sweeps.experiment_log import log_evaluation, log_field
+    from richmap.progress import plain_console
 
-    console = Console(force_terminal=False)  # Jobs share the terminal.
+    console = plain_console(force_terminal=False)  # Jobs share the terminal.
     players = chosen_players(job, console)
     scale = players[-1].condition.guidance_scale
     players = [player for player in players if player.condition.guidance_scale == scale]
-    tables = play_and_store(players, replace(job, workers=workers), Console(quiet=True))
+    tables = play_and_store(players, replace(job, workers=workers), plain_console(quiet=True))
     try:
         for player, rows in zip(players, tables, strict=True):
             with suppress(FileExistsError):  # Once in a sweep.

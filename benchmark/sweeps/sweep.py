@@ -101,6 +101,10 @@ def end_sweep(folder: Path, wandb: WandbConfig) -> None:
         JobRecord(**json.loads(file.read_text()))
         for file in sorted((folder / "jobs").glob("*.json"), key=lambda file: int(file.stem))
     ]
+    if not records:
+        raise SettingError(
+            "There is nothing to sweep over: a glob() or range() gives no value. See --help for choices."
+        )
     failed = [record for record in records if record.reason]
     if failed and all(record.refused for record in records):
         raise SettingError(failed[0].reason)

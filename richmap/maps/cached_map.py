@@ -17,7 +17,7 @@ from richmap.maps import construction
 from richmap.maps.construction import BuildProgress
 from richmap.maps.reachability_map import Construction, ReachabilityMap
 from richmap.outputs import CacheError, FileRefusedError
-from richmap.progress import SpokenProgress
+from richmap.progress import SpokenProgress, plain_console
 from richmap.robots.robot import RobotDescription
 
 MAP_VERSION = 1
@@ -75,7 +75,7 @@ def build_map(
     for name, value in (("cell_size", cell_size), ("theta", theta), ("half_width", half_width)):
         if not 0 < value < math.inf:
             raise ValueError(f"{name} is a number above 0. Got {value}")
-    console = console or Console()
+    console = console or plain_console()
     grid = Grid.around_base(cell_size, half_width, z_offset).moved(np.array(base))
     asked = Construction(
         robot.name, robot.fingerprint, theta=theta, seed=seed, draw=draw, turns=turns, stop_rate=stop_rate,
@@ -152,10 +152,10 @@ class MapProgress:
         """What the build took so far, in [s]."""
         self._stop_rate, self._target = stop_rate, target
         self._progress = SpokenProgress(
-            TextColumn("Map of {task.fields[robot]}"),
-            BarColumn(),
-            TextColumn("insertion rate {task.fields[rate]:.2%} of {task.fields[stop]:.2%}"),
-            TextColumn("{task.fields[millions]:.1f} M directions, {task.fields[occupancy]:.1%} of cells"),
+            TextColumn("Map of {task.fields[robot]}", markup=False),
+            BarColumn(bar_width=8),
+            TextColumn("inserted {task.fields[rate]:.1%}, until {task.fields[stop]:.1%}"),
+            TextColumn("{task.fields[millions]:.1f} M"),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
             console=console,

@@ -82,9 +82,9 @@ class OriginalTaskConfig:
 
 def main(config: OriginalTaskConfig) -> None:
     """Do the stage, and what it needs; what is stored already is not done again."""
-    from rich.console import Console
+    from richmap.progress import plain_console
 
-    console = Console()
+    console = plain_console()
     if config.stage == "policies":
         train_policies(config)
     elif config.stage != "table":
