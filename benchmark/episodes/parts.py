@@ -197,7 +197,7 @@ def check_columns(path: Path, table: pa.Table, types: Mapping[str, tuple[type, b
             wrong = [text for text in column.unique().to_pylist() if not (text is None or text.isprintable())]
         elif kind is float and not optional and name != "cell_size":
             wrong = column.filter(pc.invert(pc.is_finite(column))).to_pylist()[:1]
-        elif kind is tuple and pa.types.is_floating(column.type.value_type):
+        elif kind is tuple and not pa.types.is_null(column.type) and pa.types.is_floating(column.type.value_type):
             numbers = pc.list_flatten(column)
             wrong = numbers.filter(pc.invert(pc.is_finite(numbers))).to_pylist()[:1]
         else:

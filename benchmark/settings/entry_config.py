@@ -26,7 +26,7 @@ class EntryConfig:
     description: str = ""
     """What it does, in a line."""
     policy: str = ""
-    """Folder of a LeRobot checkpoint of any type that runs here, also one that sees pictures; empty for our policies."""
+    """Folder of a LeRobot checkpoint of any type that runs here, also one of pictures; empty for our policies."""
     guidance: str = ""
     """Subclass of policies.guidance.Guidance, as in guidance.py:MyGuidance; empty for none."""
     field: str = "none"

@@ -69,13 +69,19 @@ COORDINATES = (
 def _check_number(name: str, value: float, of: str) -> None:
     cores = os.cpu_count() or 1
     limits: dict[str, tuple[float, str]] = {
-        "workers": (max(16, 4 * cores), f"of {WORKER_GB:g} GB each on {cores} cores: {value * WORKER_GB:,.0f} GB"),
-        "threads": (max(16, 4 * cores), f"on {cores} cores"),
+        "workers": (
+            max(16, 4 * cores),
+            f"processes of {WORKER_GB:g} GB each on {cores} cores: {value * WORKER_GB:,.0f} GB",
+        ),
+        "threads": (max(16, 4 * cores), f"threads on {cores} cores"),
         "batch_size": (
             MOST_ENVIRONMENTS,
             f"environments of {1000 * ENVIRONMENT_GB:g} MB: {value * ENVIRONMENT_GB:,.0f} GB",
         ),
-        "episodes": (MOST_EPISODES, f"of {EPISODE_SECONDS:g} s each: {value * EPISODE_SECONDS / 86400:,.0f} days"),
+        "episodes": (
+            MOST_EPISODES,
+            f"episodes of {EPISODE_SECONDS:g} s each: {value * EPISODE_SECONDS / 86400:,.0f} days",
+        ),
         "training batch_size": (MOST_BATCH, f"rows at once: {value * 4e-5:,.0f} GB"),
         **dict.fromkeys(("seed", "seeds", "seed_start", "map.seed"), (LARGEST_SEED, "files hold 63 bits of it")),
         "lambda": (MOST_LAMBDA, "it is beyond every unit that a scale has"),
