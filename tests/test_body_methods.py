@@ -58,6 +58,7 @@ def denoised(guidance, chunk, state):
         return guidance.correct(chunk, state)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", TASKS)
 def test_jacobian_and_slope_are_those_of_finite_differences(name):
     _, controller = placed(name)

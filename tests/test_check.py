@@ -85,6 +85,7 @@ def test_every_kind_of_file_says_the_same(arm, demonstrations, tmp_path):
         read_poses(turned, PoseColumns(), None)
 
 
+@pytest.mark.system
 def test_a_check_leaves_tables_a_picture_and_a_page(arm, demonstrations, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     _, poses, episodes = demonstrations

@@ -47,6 +47,7 @@ def test_neighbours_in_the_chain_are_not_checked(robot):
     assert not neighbours & set(self_collision(robot).pairs)
 
 
+@pytest.mark.system
 def test_a_turn_that_is_called_free_is_free(robot):
     check = self_collision(robot)
     joints = random_joints(robot, 1500)

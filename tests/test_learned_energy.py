@@ -41,6 +41,7 @@ def test_poses_are_drawn_where_the_field_says_something(energy):
     assert np.allclose(np.linalg.norm(directions, axis=1), 1)
 
 
+@pytest.mark.system
 def test_a_network_learns_a_smooth_field_and_its_slopes_are_those_of_its_values():
     rng = np.random.default_rng(3)
     poses, (p, v) = ((rng.uniform(-1, 1, (n, 3)), unit(rng.normal(size=(n, 3)))) for n in (20_000, 300))

@@ -52,6 +52,7 @@ def reset_among(env: ArmEnv, *places: np.ndarray, seed: int = 50_000, **changes)
     return env.reset(options={"scene": replace(draw_scene(seed), obstacles=np.array(places), **changes)})[1]
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("draw", [draw_obstacles, draw_among_buttons])
 def test_a_seed_says_where_obstacles_are(draw):
     first = draw(50_000, 3).copy()
@@ -61,6 +62,7 @@ def test_a_seed_says_where_obstacles_are(draw):
     assert (first[:, 2] > 0).all()  # None is below the table.
 
 
+@pytest.mark.system
 def test_the_source_keeps_clear_of_them_whichever_plan_it_follows():
     env = push_env(obstacles=6)
     for mode in range(4):
@@ -115,6 +117,7 @@ def test_who_knows_its_arm_goes_round_them():
     assert [PUSHING.summarize(infos).p2 for infos in played] == [False, True]
 
 
+@pytest.mark.system
 def test_what_is_imagined_on_an_arm_is_imagined_among_them():
     arm = place_arm("gen3", PRESSING.poses, obstacles=1)
     model, scene = PressModel(arm), draw_buttons(50_000)

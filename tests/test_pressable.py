@@ -24,6 +24,7 @@ def test_it_is_the_share_of_pairs_of_which_the_pressed_one_seems_better():
     assert 0.5 < low < middle < high < 1
 
 
+@pytest.mark.system
 def test_what_says_nothing_is_a_guess_and_what_says_all_is_always_right():
     pressed = np.random.default_rng(1).random((20, 4)) < 0.5
     assert better(np.zeros((20, 4)), pressed) == (0.5, 0.5, 0.5)

@@ -37,6 +37,7 @@ def test_the_same_seed_gives_the_same_samples(robot):
     assert (a.joints == b.joints).all() and (a.free == b.free).all()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", ["xarm6", "panda", "so101"])
 def test_with_a_grid_no_pose_within_it_is_lost(name):
     """Also about a first axis beside the base's z axis, as the SO-101's is."""

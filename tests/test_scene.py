@@ -73,6 +73,7 @@ def test_crowded_scenes_have_a_block_at_a_target_and_overlap_nowhere():
     assert np.linalg.norm(blocks - effectors[:, None], axis=-1).min() > 0.04
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("draw", [draw_wide_scene, draw_crowded_scene])
 def test_every_scene_for_training_data_can_be_placed(draw):
     rng = np.random.default_rng(1)
