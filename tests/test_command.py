@@ -259,6 +259,15 @@ def test_hydra_s_flags_work(give, tmp_path):
     assert (shown[0].episodes, shown[0].robot.name, shown[1].batch_size) == (3, "ur5", 4)
 
 
+@pytest.mark.parametrize("said, name", [("guidance_scale: 0.25", "guidance_scale"), ("map: {cells: 1}", "map.cells")])
+def test_a_file_gives_settings_by_the_names_that_are_typed(give, tmp_path, said, name):
+    (tmp_path / "experiment").mkdir()
+    (tmp_path / "experiment" / "mine.yaml").write_text(f"# @package _global_\n{said}\n")
+    ended = give(run.main, RunConfig, "run", "--config-dir", str(tmp_path), "experiment=mine")
+    assert ended.status == 2
+    assert ended.errors == [f"error: There is no setting '{name}', which a file gives. Take it out of the file."]
+
+
 def test_a_shell_completes_settings_and_choices(give, monkeypatch):
     assert "complete -" in give(run.main, RunConfig, "run", "-sc", "install=bash").output
     typed = give(run.main, RunConfig, "run", "-sc", "query=bash")  # By hand, without a shell that asks.

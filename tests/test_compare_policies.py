@@ -197,11 +197,13 @@ def test_stored_rows_are_written_by_show_and_compared(tmp_path, capsys):
     assert "4 pairs" in shown and "a won 1, b 0" in shown and "no seeds" not in shown
 
 
-def test_the_two_are_given_by_their_place_or_by_name(write, monkeypatch, capsys):
+def test_the_two_are_given_by_their_place_or_by_name(write, tmp_path, monkeypatch, capsys):
     known = {"a", "b", "episodes"}
     assert named(["x", "episodes=3", "y"], ("a", "b"), known) == ["a=x", "episodes=3", "b=y"]
     assert named(["x", "x", "z"], ("a", "b"), known) == ["a=x", "b=x", "z"]
-    assert named(["epoch=3/act", "b=y/z"], ("a", "b"), known) == ["a=epoch=3/act", "b=y/z"]
+    (act := tmp_path / "epoch=3" / "act").mkdir(parents=True)
+    assert named([str(act), "b=y/z"], ("a", "b"), known) == [f"a={act}", "b=y/z"]
+    assert named(["epoch=4/act"], ("a", "b"), known) == ["epoch=4/act"]
     assert named(["~x", "x"], (), known) == ["~x", "x"]
     a, b = (write(name, lerobots(("pusht", 0, digits))) for name, digits in (("a", BETTER), ("b", ACT)))
     monkeypatch.setattr(command.signal, "signal", lambda *_: None)

@@ -270,7 +270,6 @@ def test_a_comment_changes_no_version(tmp_path):
         for file in (tmp_path / package).rglob("*.py"):
             file.write_text(file.read_text() + "# Said otherwise.\n")
     command = [sys.executable, "-c", VERSIONS, row]
-    said = [subprocess.run(command, cwd=folder, capture_output=True, text=True) for folder in (root, tmp_path)]
-    before, after = (json.loads(each.stdout or each.stderr) for each in said)
+    before, after = (json.loads(subprocess.check_output(command, cwd=folder)) for folder in (root, tmp_path))
     assert before.pop("code") != after.pop("code")
     assert before == after

@@ -79,7 +79,7 @@ def _safely(folder: Path, what: str) -> Iterator[None]:
     """Raise `SettingError` for a file of tensors that cannot be read."""
     try:
         yield
-    except (SafetensorError, OSError, ValueError) as error:
+    except (SafetensorError, OSError, ValueError, TypeError) as error:
         raise SettingError(f"policy={folder}: {what} are damaged. {error}") from error
 
 

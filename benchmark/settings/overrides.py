@@ -1,6 +1,7 @@
 """Arguments of a command as people type them: Hydra's flags, and overrides `setting=value`."""
 
 import difflib
+import os
 import re
 from collections.abc import Container, Iterable, Mapping, Sequence
 
@@ -56,12 +57,12 @@ def split(arguments: Iterable[str]) -> tuple[list[str], list[str]]:
 
 
 def named(overrides: Sequence[str], positional: Sequence[str], known: Container[str]) -> list[str]:
-    """The overrides, in which the first arguments that are not setting=value have the names of these settings; a path
-    in which there is a = is none, unless what stands before it is a known setting."""
+    """The overrides, in which the first arguments that are not setting=value have the names of these settings. A path
+    that is there is no setting=value, unless what stands before its = is a known setting."""
 
     def is_bare(argument: str) -> bool:
         name, equals, _ = argument.partition("=")
-        return not argument.startswith("~") and (not equals or ("/" in argument and name not in known))
+        return not argument.startswith("~") and (not equals or (name not in known and os.path.exists(argument)))
 
     bare = [argument for argument in overrides if is_bare(argument)]
     names: dict[str, list[str]] = {}

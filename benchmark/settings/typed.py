@@ -22,7 +22,7 @@ def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
     """
     known = {TYPED_NAME.get(field.name, field.name) for field in fields(schema)}  # type: ignore[arg-type]
     if unknown := [str(key) for key in config if str(key) not in known]:
-        raise SettingError(f"There is no setting {unknown[0]!r}, which a file gives. Take it out of the file.")
+        raise _unknown(unknown[0])
     try:
         values = {PYTHON_NAME.get(str(key), str(key)): value for key, value in config.items()}
         for key in choices_of(schema):
@@ -39,13 +39,17 @@ def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
     except OmegaConfBaseException as error:
         settings, key = settings_of(schema), TYPED_NAME.get(str(error.full_key), str(error.full_key))
         if isinstance(error, ConfigKeyError):
-            raise SettingError(f"There is no setting {key!r}, which a file gives. Take it out of the file.") from error
+            raise _unknown(key) from error
         if key not in settings:
             raise SettingError(f"{key}: {' '.join(str(error.msg or error).split())}") from error
         raw = OmegaConf.to_container(config, resolve=False)
         value = reduce(lambda node, part: node[part], key.split("."), raw)
         shown = "null" if value is None else value
         raise SettingError(f"{key}={shown} is not allowed. {key}: {short(settings[key].text)}") from error
+
+
+def _unknown(key: str) -> SettingError:
+    return SettingError(f"There is no setting {key!r}, which a file gives. Take it out of the file.")
 
 
 def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:

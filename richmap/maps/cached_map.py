@@ -154,15 +154,13 @@ class MapProgress:
         self._progress = SpokenProgress(
             TextColumn("Map of {task.fields[robot]}", markup=False),
             BarColumn(bar_width=8),
-            TextColumn("inserted {task.fields[rate]:.1%}, until {task.fields[stop]:.1%}"),
-            TextColumn("{task.fields[millions]:.1f} M"),
+            TextColumn("rate {task.fields[rate]:.1%} of {task.fields[stop]:.1%}"),
+            TextColumn("{task.fields[millions]:.1f} M directions"),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
             console=console,
         )
-        self._task = self._progress.add_task(
-            "", total=1.0, robot=robot, rate=1.0, stop=stop_rate, millions=0.0, occupancy=0.0
-        )
+        self._task = self._progress.add_task("", total=1.0, robot=robot, rate=1.0, stop=stop_rate, millions=0.0)
 
     def __enter__(self) -> "MapProgress":
         self._progress.start()
@@ -182,5 +180,4 @@ class MapProgress:
             completed=min(1.0, max(shares)),
             rate=progress.batch_rate,
             millions=progress.inserted / 1e6,
-            occupancy=progress.occupancy,
         )
