@@ -5,7 +5,7 @@ from richmap.geometry.directions import capacity_bound
 from richmap.geometry.grid import Grid
 from richmap.geometry.roll import FULL_CIRCLE, axis_at_roll, roll_about
 from richmap.maps.insertion import Inserter
-from richmap.maps.torch_twin import TorchPhase1
+from richmap.maps.torch_insertion import TorchPhase1
 from richmap.motion.sampling import Orbits
 
 THETA = 0.3

@@ -148,9 +148,9 @@ def query_speeds(built: "ReachabilityMap", rm4d: "RM4D", config: SpeedConfig) ->
     """Queries that only the bitmap decides, exact ones, nearest directions, RM4D's and the paper's method."""
     import numpy as np
 
+    from richmap.counterparts.paper_map import TorchNearest
     from richmap.maps.coverage import CoverageBitmap
     from richmap.maps.direction_index import DirectionIndex
-    from richmap.maps.torch_twin import TorchNearest
 
     arrays, theta = (built.grid, built.start, built.directions), built.construction.theta
     index, bitmap = DirectionIndex.build(*arrays), CoverageBitmap.build(*arrays, theta)
@@ -202,8 +202,8 @@ def insertion_speeds(
     """Insertion into an empty map and into the full one: seconds per pose offered within the grid."""
     import numpy as np
 
+    from richmap.counterparts.paper_map import TorchInserter
     from richmap.maps.insertion import Inserter
-    from richmap.maps.torch_twin import TorchInserter
     from richmap.motion.sampling import roll_gap, sample_workspace
 
     theta, rng = built.construction.theta, np.random.default_rng(config.seed)

@@ -22,12 +22,12 @@ class PressController:
     """
 
     def __init__(self, arm: PlacedArm) -> None:
-        self._arm, self._tool, self._model = arm, ToolKinematics(arm), PressModel(arm)
-        self.weight = self._tool.weight
+        self._arm, self._kinematics, self._model = arm, ToolKinematics(arm), PressModel(arm)
+        self.weight = self._kinematics.tool.weight
 
     def start(self) -> Float[np.ndarray, " dof"]:
         """Joint angles at the start of an episode, in [rad]."""
-        return self._tool.start
+        return self._kinematics.start
 
     def track(self, joints: Float[np.ndarray, " dof"], state: Float[np.ndarray, "12"]) -> Float[np.ndarray, " dof"]:
         """Where the joints are now, in [rad], by where the tool is seen and where they were a step ago."""
@@ -40,12 +40,12 @@ class PressController:
         directions: Float[np.ndarray, "n t 3"],
     ) -> tuple[Float[np.ndarray, "n t 3"], Float[np.ndarray, "n t 3"]]:
         """Where the tip gets, in [m], and where the rod points, by commands one after another."""
-        tool, got, pointing = self._tool, np.empty_like(places), np.empty_like(directions)
+        tool, got, pointing = self._kinematics.tool, np.empty_like(places), np.empty_like(directions)
         rotation, turned, work = np.zeros((3, 3)), np.empty((3, 3)), np.empty((4 * joints.shape[1] + 16, 6))
         for i, q in enumerate(joints.copy()):
             for k in range(places.shape[1]):
                 command = places[i, k].copy(), directions[i, k].copy()
-                motion.follow(tool.frames, tool.lower, tool.upper, tool.weight, q, *command, rotation, work)
+                motion.follow(tool, q, *command, rotation, work)
                 forward(tool.frames, q, got[i, k], turned)
                 pointing[i, k] = turned[:, 2]
         return got, pointing

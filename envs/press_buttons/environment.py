@@ -69,7 +69,7 @@ class PressButtonsEnv(ArmEnv[PressButtonsSimulation]):
     task_description = DESCRIPTION
     _max_episode_steps = MAX_EPISODE_STEPS
     space = PRESS_BUTTONS_SPACE
-    built = ("_tool", "_rotation", "_work")
+    built = ("_kinematics", "_rotation", "_work")
 
     def _action_space(self) -> spaces.Box:
         most = np.repeat([MAX_STEP, MAX_TURN], 3).astype(np.float32)
@@ -84,9 +84,9 @@ class PressButtonsEnv(ArmEnv[PressButtonsSimulation]):
         return np.where(flags, 0, -high).astype(np.float32), high
 
     def _make_simulation(self, visual: bool) -> PressButtonsSimulation:
-        self._tool = ToolKinematics(self.arm)
-        self._rotation, self._work = np.zeros((3, 3)), np.empty((4 * len(self._tool.start) + 16, 6))
-        return make_simulation(PressButtonsSimulation, self.arm, self._tool.start, visual)
+        self._kinematics = ToolKinematics(self.arm)
+        self._rotation, self._work = np.zeros((3, 3)), np.empty((4 * len(self._kinematics.start) + 16, 6))
+        return make_simulation(PressButtonsSimulation, self.arm, self._kinematics.start, visual)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -105,7 +105,7 @@ class PressButtonsEnv(ArmEnv[PressButtonsSimulation]):
             if self.arm.obstacles:
                 given = replace(given, obstacles=draw_obstacles(seed, self.arm.obstacles))
         self._scene: Scene = given
-        self._joints = self._tool.start.copy()
+        self._joints = self._kinematics.start.copy()
         simulation = self._running
         simulation.place(self._scene, self._joints)
         self._command, self._direction = simulation.tip, simulation.approach
@@ -141,14 +141,12 @@ class PressButtonsEnv(ArmEnv[PressButtonsSimulation]):
         return super()._draw(width, height)
 
     def _advance(self) -> None:
-        simulation, tool = self._running, self._tool
+        simulation, tool = self._running, self._kinematics.tool
         self._leash()
         self._underway.append((self._command.copy(), self._direction.copy()))
         tip, direction = self._underway.pop(0)
         self._arrived = self._flange(tip, direction)
-        follow(
-            tool.frames, tool.lower, tool.upper, tool.weight, self._joints, tip, direction, self._rotation, self._work
-        )
+        follow(tool, self._joints, tip, direction, self._rotation, self._work)
         self._solved, turned = np.empty(3), np.empty((3, 3))
         forward(tool.frames, self._joints, self._solved, turned)
         self._solved -= ROD * turned[:, 2]

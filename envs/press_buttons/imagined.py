@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from envs.arm.obstacles import Places
-from envs.press_buttons.motion import advance_all, advance_ideal
+from envs.press_buttons.motion import Buttons, Pointing, advance_all, advance_ideal
 from envs.press_buttons.twin import KinematicTwin, ToolKinematics
 from richmap.motion.kinematics import forward
 from richmap.task_spaces.press_buttons import BUTTONS, LAST, NORMAL, PLACE, PRESS_BUTTONS_SPACE, PRESSED, ROD
@@ -21,14 +21,15 @@ class ImaginedPresses:
 
     def __init__(
         self,
-        tool: ToolKinematics | None,
+        kinematics: ToolKinematics | None,
         twin: KinematicTwin | None,
         joints: Float[np.ndarray, "n dof"],
         state: Float[np.ndarray, "n 12"],
         environment: Float[np.ndarray, "n 32"],
         obstacles: Places | None = None,
     ) -> None:
-        self._tool, self._twin, self._obstacles = tool, twin, obstacles
+        self._tool = None if kinematics is None else kinematics.tool
+        self._twin, self._obstacles = twin, obstacles
         self.state, self.environment = np.array(state, dtype=float), np.array(environment, dtype=float)
         buttons = self.environment.reshape(len(joints), BUTTONS, -1)
         self._places, self._normals = buttons[..., PLACE].copy(), buttons[..., NORMAL].copy()
@@ -37,11 +38,11 @@ class ImaginedPresses:
         self._joints, commanded = np.array(joints, dtype=float), self.state[:, STATE["commanded"]]
         self._command, self._direction = commanded[:, :3].copy(), commanded[:, 3:].copy()
         self._tip, self._approach = self._command, self._direction
-        if tool is not None:
+        if self._tool is not None:
             self._tip, self._approach = self._command.copy(), self._direction.copy()
             turned = np.empty((3, 3))
             for q, tip, approach in zip(self._joints, self._tip, self._approach, strict=True):
-                forward(tool.frames, q, tip, turned)
+                forward(self._tool.frames, q, tip, turned)
                 approach[:] = turned[:, 2]
         self._path, self._counts = [self._now()], [self._pressed.sum(1)]
         self._ended = np.full(len(joints), -1)
@@ -50,21 +51,19 @@ class ImaginedPresses:
     def step(self, actions: Float[np.ndarray, "n 6"]) -> None:
         """Let a control step pass in those that are going on."""
         tool, given = self._tool, np.asarray(actions, dtype=float)
-        where = (self._places, self._normals, self._pressed, self._last, given, self.going)
+        buttons = Buttons(self._places, self._normals, self._pressed)
+        command, measured = Pointing(self._command, self._direction), Pointing(self._tip, self._approach)
         if tool is None:
-            advance_ideal(self._command, self._direction, *where)
+            advance_ideal(command, buttons, self._last, given, self.going)
         else:
-            advance_all(
-                tool.frames, tool.lower, tool.upper, tool.weight, self._joints, self._command, self._direction,
-                self._tip, self._approach, *where,
-            )  # fmt: skip
+            advance_all(tool, self._joints, command, measured, buttons, self._last, given, self.going)
         self._path.append(self._now())
         self._counts.append(self._pressed.sum(1))
         self.state[:, STATE["tool"]] = np.hstack([self._tip, self._approach])
         self.state[:, STATE["commanded"]] = np.hstack([self._command, self._direction])
-        buttons = self.environment.reshape(len(self.state), BUTTONS, -1)
-        buttons[..., PRESSED] = self._pressed
-        buttons[..., LAST] = np.arange(BUTTONS) == self._last[:, None]
+        seen = self.environment.reshape(len(self.state), BUTTONS, -1)
+        seen[..., PRESSED] = self._pressed
+        seen[..., LAST] = np.arange(BUTTONS) == self._last[:, None]
         self._ended[self.going & (self._pressed.sum(1) >= 2)] = len(self._path) - 1
 
     def _now(self) -> Float[np.ndarray, "n numbers"]:

@@ -58,11 +58,12 @@ class PressModel:
     def among(self, obstacles: Places) -> "PressModel":
         """The same among obstacles that stand there."""
         model = PressModel(self._arm)
-        vars(model).update(_tool=self._tool, _twin=self._twin, _obstacles=obstacles)  # Made once: they take a while.
+        made_once = {"_kinematics": self._kinematics, "_twin": self._twin}
+        vars(model).update(made_once, _obstacles=obstacles)
         return model
 
     @cached_property
-    def _tool(self) -> ToolKinematics | None:
+    def _kinematics(self) -> ToolKinematics | None:
         return None if self._arm is None else ToolKinematics(self._arm)
 
     @cached_property
@@ -71,7 +72,7 @@ class PressModel:
 
     def start(self) -> Float[np.ndarray, " dof"]:
         """Joint angles at the start of an episode, in [rad]; none without an arm."""
-        return np.empty(0) if self._tool is None else self._tool.start
+        return np.empty(0) if self._kinematics is None else self._kinematics.start
 
     def opening(self, scene: Scene) -> tuple[Float[np.ndarray, "12"], Float[np.ndarray, "32"]]:
         """What is seen of a scene when an episode begins: the tool at the start, and no button pressed."""
@@ -81,16 +82,11 @@ class PressModel:
 
     def track(self, joints: Float[np.ndarray, " dof"], state: Float[np.ndarray, "12"]) -> Float[np.ndarray, " dof"]:
         """Where the joints are now, in [rad], by where the tool is seen and where they were a step ago."""
-        tool, q = self._tool, joints.copy()
-        if tool is not None:
-            seen, rotation, work = (
-                state[PRESS_BUTTONS_SPACE.state["tool"]],
-                np.zeros((3, 3)),
-                np.empty((4 * len(q) + 16, 6)),
-            )
-            follow(
-                tool.frames, tool.lower, tool.upper, tool.weight, q, seen[:3].copy(), seen[3:].copy(), rotation, work
-            )
+        kinematics, q = self._kinematics, joints.copy()
+        if kinematics is not None:
+            seen = state[PRESS_BUTTONS_SPACE.state["tool"]]
+            rotation, work = np.zeros((3, 3)), np.empty((4 * len(q) + 16, 6))
+            follow(kinematics.tool, q, seen[:3].copy(), seen[3:].copy(), rotation, work)
         return q
 
     def begin(
@@ -100,7 +96,7 @@ class PressModel:
         environment: Float[np.ndarray, "n 32"],
     ) -> ImaginedPresses:
         """Episodes that go on from what is seen, a row each."""
-        return ImaginedPresses(self._tool, self._twin, joints, state, environment, self._obstacles)
+        return ImaginedPresses(self._kinematics, self._twin, joints, state, environment, self._obstacles)
 
     def showings(self, count: int) -> Bool[np.ndarray, "count 32"]:
         """What plans are shown as 1 though it is not: nothing in the first half, then of each pair in turn the other

@@ -3,10 +3,11 @@
 Compiled loops that environment, oracle and kinematic twin share, so that all three mean the same.
 """
 
-from typing import no_type_check
+from typing import NamedTuple, no_type_check
 
 import numba
 import numpy as np
+from jaxtyping import Bool, Float
 
 from envs.press_buttons.workspace import (
     ANGLE,
@@ -18,7 +19,7 @@ from envs.press_buttons.workspace import (
     MAX_TURN,
     TRAVEL,
 )
-from richmap.motion.inverse_kinematics import descend
+from richmap.motion.inverse_kinematics import Chain, Descent, descend
 from richmap.motion.kinematics import forward
 
 ITERATIONS = 20
@@ -41,6 +42,38 @@ AWAY = 0.1
 """From behind a button it goes around it at this distance, in [m]."""
 STUCK, PATIENCE = 0.02, 15
 """A twin that is this far from its command, in [m], for so many steps has lost it."""
+
+
+class Tool(NamedTuple):
+    """What compiled loops read of an arm that holds the rod (`envs.press_buttons.twin.ToolKinematics`)."""
+
+    frames: Float[np.ndarray, "dof1 3 4"]
+    """From each joint to the next, from the world to the tip."""
+    lower: Float[np.ndarray, " dof"]
+    """Least joint angles, in [rad]."""
+    upper: Float[np.ndarray, " dof"]
+    """Greatest joint angles, in [rad]."""
+    weight: float
+    """Of direction against position, in [m/rad]."""
+
+
+class Pointing(NamedTuple):
+    """Where a tool is, commanded or measured; or several, a row each."""
+
+    tip: Float[np.ndarray, "*n 3"]
+    """In the world, in [m]."""
+    approach: Float[np.ndarray, "*n 3"]
+    """Unit vector along the rod."""
+
+
+class Buttons(NamedTuple):
+    """The buttons of a scene; or of several, a row each."""
+
+    places: Float[np.ndarray, "*n buttons 3"]
+    """Middles of the faces at rest, in the world, in [m]."""
+    normals: Float[np.ndarray, "*n buttons 3"]
+    """Unit vectors out of the faces."""
+    pressed: Bool[np.ndarray, "*n buttons"]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -116,13 +149,13 @@ def keep_near(tip, approach, measured, pointing):
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def follow(frames, lower, upper, weight, q, tip, approach, rotation, work):
+def follow(tool, q, tip, approach, rotation, work):
     """Move joint angles, in place, towards holding the tip there and pointing so, its roll free; gives what is missing
     in [m] and [rad]."""
-    least, most = np.maximum(lower, q - JOINT_STEP), np.minimum(upper, q + JOINT_STEP)
+    least, most = np.maximum(tool.lower, q - JOINT_STEP), np.minimum(tool.upper, q + JOINT_STEP)
     rotation[:, 2] = approach
-    free, steps = np.bool_(True), np.int64(ITERATIONS)
-    return descend(frames, least, most, q, tip, rotation, free, weight, steps, PRECISION, PRECISION, work)
+    how = Descent(np.bool_(True), tool.weight, np.int64(ITERATIONS), PRECISION, PRECISION)
+    return descend(Chain(tool.frames, least, most), q, tip, rotation, how, work)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -194,46 +227,46 @@ def lead(tip, approach, places, normals, last, goal, action):
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def advance(frames, lower, upper, weight, q, tip, approach, measured, pointing, places, normals, pressed, action, work):
-    """A control step of an arm that is always where its inverse kinematics says: all but the first four, the buttons
-    and the action changes in place. Gives the last button that this step pressed, or -1."""
+def advance(tool, q, command, measured, buttons, action, work):
+    """A control step of an arm that is always where its inverse kinematics says: joints, command, measured tool and
+    what is pressed change in place. Gives the last button that this step pressed, or -1."""
     n = len(q)
+    (tip, approach), (at, pointing) = command, measured
     scratch, rows = work[: 4 * n + 16], work[4 * n + 16 :].reshape(-1)
     rotation, turned = rows[:9].reshape(3, 3), rows[9:18].reshape(3, 3)
     move(tip, approach, action)
-    keep_near(tip, approach, measured, pointing)
-    follow(frames, lower, upper, weight, q, tip, approach, rotation, scratch)
-    forward(frames, q, measured, turned)
+    keep_near(tip, approach, at, pointing)
+    follow(tool, q, tip, approach, rotation, scratch)
+    forward(tool.frames, q, at, turned)
     pointing[:] = turned[:, 2]
-    keep_near(tip, approach, measured, pointing)
-    return press(measured, pointing, places, normals, pressed)
+    keep_near(tip, approach, at, pointing)
+    return press(at, pointing, buttons.places, buttons.normals, buttons.pressed)
 
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def advance_all(
-    frames, lower, upper, weight, q, tip, approach, measured, pointing, places, normals, pressed, last, actions, going
-):
+def advance_all(tool, q, command, measured, buttons, last, actions, going):
     """`advance` of several arms at once, a row each, of those that are still going; `last` changes, too."""
     work = np.zeros((4 * q.shape[1] + 22, 6))
     for i in range(len(q)):
         if going[i]:
-            new = advance(
-                frames, lower, upper, weight, q[i], tip[i], approach[i], measured[i], pointing[i], places[i],
-                normals[i], pressed[i], actions[i], work,
-            )  # fmt: skip
+            told = Pointing(command.tip[i], command.approach[i])
+            seen = Pointing(measured.tip[i], measured.approach[i])
+            scene = Buttons(buttons.places[i], buttons.normals[i], buttons.pressed[i])
+            new = advance(tool, q[i], told, seen, scene, actions[i], work)
             if new >= 0:
                 last[i] = new
 
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def advance_ideal(tip, approach, places, normals, pressed, last, actions, going):
+def advance_ideal(command, buttons, last, actions, going):
     """The same of arms that are always where they are told to be."""
+    tip, approach = command
     for i in range(len(tip)):
         if going[i]:
             move(tip[i], approach[i], actions[i])
-            new = press(tip[i], approach[i], places[i], normals[i], pressed[i])
+            new = press(tip[i], approach[i], buttons.places[i], buttons.normals[i], buttons.pressed[i])
             if new >= 0:
                 last[i] = new
 
@@ -261,30 +294,29 @@ def play_ideal(tip, approach, places, normals, first, second, path):
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def play(frames, lower, upper, weight, start, places, normals, first, second, joints):
+def play(tool, start, places, normals, first, second, joints):
     """An episode of the scripted expert on an arm without dynamics or contact.
 
-    Args are those of `envs.press_buttons.twin.KinematicTwin`; `joints` (steps + 1, dof) is filled from the start on.
-    Gives how many steps were made, and whether both buttons were pressed.
+    Args are those of `envs.press_buttons.twin.KinematicTwin.path`; `joints` (steps + 1, dof) is filled from the start
+    on. Gives how many steps were made, and whether both buttons were pressed.
     """
     n, q = len(start), start.copy()
     work, turned = np.zeros((4 * n + 22, 6)), np.empty((3, 3))
-    measured, action, pressed = np.empty(3), np.empty(6), np.zeros(len(places), dtype=np.bool_)
+    at, action, pressed = np.empty(3), np.empty(6), np.zeros(len(places), dtype=np.bool_)
     joints[0] = q
-    forward(frames, q, measured, turned)
+    forward(tool.frames, q, at, turned)
     pointing = turned[:, 2].copy()
-    tip, approach = measured.copy(), pointing.copy()
+    tip, approach = at.copy(), pointing.copy()
+    command, measured, buttons = Pointing(tip, approach), Pointing(at, pointing), Buttons(places, normals, pressed)
     last, lost = np.int64(-1), 0
     for k in range(1, len(joints)):
         lead(tip, approach, places, normals, last, second if pressed[first] else first, action)
-        new = advance(
-            frames, lower, upper, weight, q, tip, approach, measured, pointing, places, normals, pressed, action, work
-        )
+        new = advance(tool, q, command, measured, buttons, action, work)
         last = new if new >= 0 else last
         joints[k] = q
         if pressed[first] and pressed[second]:
             return k, True
-        missing = tip - measured
+        missing = tip - at
         lost = lost + 1 if (missing * missing).sum() > STUCK * STUCK else 0
         if lost == PATIENCE:
             return k, False

@@ -12,7 +12,7 @@ from envs.arm.contact import ARM_BIT, SCENE_BIT
 from envs.arm.cuboid import first_of
 from envs.arm.obstacles import AWAY, Places, put
 from envs.arm.placed_arm import PlacedArm, start_posture
-from envs.press_buttons.motion import play
+from envs.press_buttons.motion import Tool, play
 from envs.press_buttons.workspace import (
     CAP_HEIGHT,
     CAP_RADIUS,
@@ -34,10 +34,8 @@ class ToolKinematics:
     """An arm's kinematics with the tip of the rod as its end, in the world.
 
     Attributes:
-        frames: From each joint to the next, as `richmap.motion.kinematics.joint_frames` has them, the first one from
-            the world and the last one to the tip.
-        lower, upper: Joint angles that may be used, in [rad].
-        weight: Of direction against position, in [m/rad].
+        tool: What compiled loops read of it. Its frames are those of `richmap.motion.kinematics.joint_frames`, but for
+            the first one, from the world, and the last one, to the tip; its limits are those that may be used.
         start: Joint angles at the task's start, in [rad].
 
     Raises:
@@ -52,12 +50,11 @@ class ToolKinematics:
             )
         c, s = np.cos(arm.yaw), np.sin(arm.yaw)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        self.frames = joint_frames(arm.description).copy()
-        self.frames[0] = turn @ self.frames[0]
-        self.frames[0, :, 3] += arm.base
-        self.frames[-1, :, 3] += ROD * self.frames[-1, :, 2]
-        self.lower, self.upper = arm.limits()
-        self.weight = arm.orientation_weight
+        frames = joint_frames(arm.description).copy()
+        frames[0] = turn @ frames[0]
+        frames[0, :, 3] += arm.base
+        frames[-1, :, 3] += ROD * frames[-1, :, 2]
+        self.tool = Tool(frames, *arm.limits(), arm.orientation_weight)
         self.start = start_posture(arm, arm.kinematics(), POSES.start)
 
 
@@ -69,7 +66,7 @@ class KinematicTwin:
     """
 
     def __init__(self, arm: PlacedArm) -> None:
-        self._arm, self._tool = arm, ToolKinematics(arm)
+        self._arm, self._kinematics = arm, ToolKinematics(arm)
 
     def path(
         self,
@@ -82,12 +79,10 @@ class KinematicTwin:
     ) -> Float[np.ndarray, "n dof"] | None:
         """Joint angles, in [rad], at the start and after each step of pressing a button and then another, or one alone
         if both are it; None if the arm cannot in so many steps. It starts at the task's start, or elsewhere."""
-        tool, joints = self._tool, np.empty((steps + 1, len(self._tool.start)))
-        start = tool.start if start is None else start
+        start = self._kinematics.start if start is None else start
+        joints = np.empty((steps + 1, len(start)))
         places, normals = places.copy(), normals.copy()  # Loops are compiled anew for arrays that cannot be written to.
-        made, pressed = play(
-            tool.frames, tool.lower, tool.upper, tool.weight, start, places, normals, first, second, joints
-        )
+        made, pressed = play(self._kinematics.tool, start, places, normals, first, second, joints)
         return joints[: made + 1] if pressed else None
 
     def touches(
@@ -143,7 +138,7 @@ class KinematicTwin:
         """Where the tip of the rod is, in [m], with joint angles in [rad]."""
         tips, turned = np.empty((len(joints), 3)), np.empty((3, 3))
         for q, tip in zip(joints, tips, strict=True):
-            forward(self._tool.frames, q, tip, turned)
+            forward(self._kinematics.tool.frames, q, tip, turned)
         return tips
 
     def _put(

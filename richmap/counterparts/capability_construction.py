@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
-from typing import no_type_check
+from typing import NamedTuple, no_type_check
 
 import numba
 import numpy as np
@@ -52,6 +52,19 @@ class CapabilityProgress:
     """Insertion rate of the draw."""
 
 
+class _Pages(NamedTuple):
+    """What is stored, in pages of `PAGE` quaternions; a cell's pages follow each other."""
+
+    counts: Int[np.ndarray, " cells"]
+    """Quaternions in each cell."""
+    first: Int[np.ndarray, " cells"]
+    """Each cell's first page, -1 for none."""
+    last: Int[np.ndarray, " cells"]
+    page: Float[np.ndarray, "pages 4 lanes"]
+    following: Int[np.ndarray, " pages"]
+    """The page after each, -1 for none."""
+
+
 class QuaternionInserter:
     """A capability map under construction: batches in, theta-separated orientations out.
 
@@ -64,23 +77,23 @@ class QuaternionInserter:
         self.grid = grid
         self.offered = 0
         self._squared = np.float32(np.cos(theta / 2) ** 2)
-        self._count = np.zeros(grid.n_cells, dtype=np.int32)
-        self._first = np.full(grid.n_cells, -1, dtype=np.int32)
-        self._last = np.full(grid.n_cells, -1, dtype=np.int32)
-        self._pages = np.zeros((1024, 4, PAGE), dtype=np.float32)
-        self._following = np.zeros(1024, dtype=np.int32)
+        counts = np.zeros(grid.n_cells, dtype=np.int32)
+        first, last = np.full((2, grid.n_cells), -1, dtype=np.int32)
+        self._pages = _Pages(
+            counts, first, last, np.zeros((1024, 4, PAGE), dtype=np.float32), np.zeros(1024, dtype=np.int32)
+        )
         self._used = 0
         self._rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
 
     @property
     def inserted(self) -> int:
         """Number of stored orientations."""
-        return int(self._count.sum())
+        return int(self._pages.counts.sum())
 
     @property
     def occupancy(self) -> float:
         """Fraction of cells that hold an orientation."""
-        return float((self._count > 0).mean())
+        return float((self._pages.counts > 0).mean())
 
     def insert(self, samples: OrientationSamples) -> Bool[np.ndarray, " n"]:
         """Insert a batch; tells which of its poses were stored. Poses outside the grid never are."""
@@ -106,18 +119,15 @@ class QuaternionInserter:
         order = order[np.searchsorted(cell[order], 0) :]
         self._reserve(self._used + len(order) // PAGE + min(len(order), self.grid.n_cells))
         stored = np.zeros(len(cell), dtype=bool)
-        self._used = _insert_in_order(
-            order, cell, quaternion, squared, stored,
-            self._count, self._first, self._last, self._pages, self._following, self._used,
-        )  # fmt: skip
+        self._used = _insert_in_order(order, cell, quaternion, squared, stored, self._pages, self._used)
         self._rows.append((cell[stored].astype(np.int32), quaternion[stored], joints[stored]))
         return stored
 
     def _reserve(self, pages: int) -> None:
-        if pages > len(self._pages):  # Pages that are not used yet take no memory.
-            longer = np.zeros((2 * pages, 4, PAGE), dtype=np.float32), np.zeros(2 * pages, dtype=np.int32)
-            longer[0][: self._used], longer[1][: self._used] = self._pages[: self._used], self._following[: self._used]
-            self._pages, self._following = longer
+        if pages > len(self._pages.page):  # Pages that are not used yet take no memory.
+            page, following = np.zeros((2 * pages, 4, PAGE), dtype=np.float32), np.zeros(2 * pages, dtype=np.int32)
+            page[: self._used], following[: self._used] = (rows[: self._used] for rows in self._pages[3:])
+            self._pages = self._pages._replace(page=page, following=following)
 
 
 def build_capability_map(
@@ -197,27 +207,28 @@ def _left_by_earlier_call(file: Path, grid: Grid, construction: CapabilityConstr
 
 @numba.njit(cache=True, inline="always", fastmath=True)
 @no_type_check
-def _near_stored(page, w, x, y, z, pages, following, squared):
+def _near_stored(page, quaternion, pages, squared):
+    w, x, y, z = quaternion
     while page >= 0:
-        stored = pages[page]
+        stored = pages.page[page]
         hits = np.int32(0)
         for k in range(stored.shape[1]):
             product = stored[0, k] * w + stored[1, k] * x + stored[2, k] * y + stored[3, k] * z
             hits += np.int32(product * product > squared)
         if hits > 0:
             return True
-        page = following[page]
+        page = pages.following[page]
     return False
 
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def _insert_in_order(order, cells, quaternions, squared, stored, counts, first, last, pages, following, used):
+def _insert_in_order(order, cells, quaternions, squared, stored, pages, used):
     """Insert poses one after the other; returns how many pages are then in use."""
+    counts, first, last, page, following = pages
     for i in order:
         cell = cells[i]
-        w, x, y, z = quaternions[i]
-        if _near_stored(first[cell], w, x, y, z, pages, following, squared):
+        if _near_stored(first[cell], quaternions[i], pages, squared):
             continue
         lane = counts[cell] % PAGE
         if lane == 0:  # The cell's pages are full, or it has none yet.
@@ -228,7 +239,7 @@ def _insert_in_order(order, cells, quaternions, squared, stored, counts, first, 
             last[cell] = used
             following[used] = -1
             used += 1
-        pages[last[cell], :, lane] = quaternions[i]
+        page[last[cell], :, lane] = quaternions[i]
         counts[cell] += 1
         stored[i] = True
     return used

@@ -127,7 +127,7 @@ class Inserter:
         self._bins = Bins(table, *neighbour_bins(theta), per_edge, cosine)
         self._phase_1 = None
         if device != "cpu":
-            from richmap.maps.torch_twin import TorchPhase1
+            from richmap.maps.torch_insertion import TorchPhase1
 
             self._phase_1 = TorchPhase1(grid, theta, device)
 

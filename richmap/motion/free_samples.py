@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from typing import Any, no_type_check
+from typing import Any, NamedTuple, no_type_check
 
 import numba
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt
 
 from richmap.motion.collision import self_collision
 from richmap.motion.kinematics import forward, joint_frames
@@ -49,23 +49,22 @@ def free_samples(
     Returns:
         Flat indices of cells in ascending order, and configurations, in [rad].
     """
-    step, shift = _sequence(len(robot.joints), seed)
-    limits = robot.lower, np.minimum(robot.upper, robot.lower + 2 * np.pi)  # More turns reach nothing new.
+    sequence = _sequence(robot, seed)
     number = np.full(cells.n_cells, -1, dtype=np.int64)
     collided = np.zeros(cells.n_cells, dtype=np.uint8)
     found = np.empty((2, BATCH), dtype=np.int64)
     for first in range(0, samples, BATCH):
         count = min(BATCH, samples - first)
         done = (number >= 0) | (collided >= COLLISIONS)
-        n = _scan(joint_frames(robot), *limits, step, shift, first, count, *cells.for_kernels(), done, found)
+        n = _scan(joint_frames(robot), sequence, first, count, cells.for_kernels(), done, found)
         cell, place = np.unique(found[0, :n], return_index=True)
         sample = found[1, :n][place]
-        hit = in_chunks(pool, _collides, robot, _configurations(*limits, step, shift, sample))
+        hit = in_chunks(pool, _collides, robot, _configurations(sequence, sample))
         number[cell[~hit]] = sample[~hit]
         collided[cell[hit]] += 1
         report(first + count)
     reached = np.flatnonzero(number >= 0)
-    return reached, _configurations(*limits, step, shift, number[reached])
+    return reached, _configurations(sequence, number[reached])
 
 
 def in_chunks(pool: Executor, function: Callable, robot: RobotDescription, *arrays: np.ndarray) -> Any:
@@ -83,19 +82,29 @@ def _collides(robot: RobotDescription, joints: Float[np.ndarray, "n dof"]) -> Bo
     return self_collision(robot)(joints)
 
 
-def _sequence(dof: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Step and shift of the sequence per joint, as fractions of 2^64: unsigned sums wrap round by themselves."""
-    root = 2.0
+class _Sequence(NamedTuple):
+    """Configurations by their number. Step and shift are fractions of 2^64: unsigned sums wrap round by themselves."""
+
+    lower: Float[np.ndarray, " dof"]
+    upper: Float[np.ndarray, " dof"]
+    step: UInt[np.ndarray, " dof"]
+    shift: UInt[np.ndarray, " dof"]
+
+
+def _sequence(robot: RobotDescription, seed: int) -> _Sequence:
+    dof, root = len(robot.joints), 2.0
     for _ in range(64):
         root = (1 + root) ** (1 / (dof + 1))
     step = np.array([root ** -(j + 1) for j in range(dof)])
     shift = np.random.default_rng(seed).integers(0, 2**64, dof, dtype=np.uint64)
-    return (step * 2.0**64).astype(np.uint64), shift
+    upper = np.minimum(robot.upper, robot.lower + 2 * np.pi)  # More turns reach nothing new.
+    return _Sequence(robot.lower, upper, (step * 2.0**64).astype(np.uint64), shift)
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
 @no_type_check
-def _sample(number, lower, upper, step, shift, q):
+def _sample(number, sequence, q):
+    lower, upper, step, shift = sequence
     for j in range(len(q)):
         fraction = (np.uint64(number) * step[j] + shift[j]) >> np.uint64(11)
         q[j] = lower[j] + (upper[j] - lower[j]) * (fraction * 2.0**-53)
@@ -103,21 +112,22 @@ def _sample(number, lower, upper, step, shift, q):
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def _configurations(lower, upper, step, shift, numbers):
-    joints = np.empty((len(numbers), len(lower)))
+def _configurations(sequence, numbers):
+    joints = np.empty((len(numbers), len(sequence.lower)))
     for i in range(len(numbers)):
-        _sample(numbers[i], lower, upper, step, shift, joints[i])
+        _sample(numbers[i], sequence, joints[i])
     return joints
 
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def _scan(frames, lower, upper, step, shift, first, count, radius, bottom, per_metre, shape, done, found):
+def _scan(frames, sequence, first, count, cells, done, found):
     """Write cell and number of the samples that hit cells that are not done; returns how many."""
-    q, p, r = np.empty(len(lower)), np.empty(3), np.empty((3, 3))
+    radius, bottom, per_metre, shape = cells
+    q, p, r = np.empty(len(sequence.lower)), np.empty(3), np.empty((3, 3))
     n = 0
     for number in range(first, first + count):
-        _sample(number, lower, upper, step, shift, q)
+        _sample(number, sequence, q)
         forward(frames, q, p, r)
         cell = cell_of(p, r[:, 2], radius, bottom, per_metre, shape)
         if cell >= 0 and not done[cell]:

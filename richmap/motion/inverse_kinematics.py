@@ -5,7 +5,7 @@ answers it.
 """
 
 from functools import lru_cache
-from typing import no_type_check
+from typing import NamedTuple, no_type_check
 
 import numba
 import numpy as np
@@ -34,6 +34,32 @@ SAME = 0.02
 MOST_FOUND = (1, 8, 1 << 30)
 """Configurations per pose that are collected before they are checked: most poses need one, and a check of many at
 once costs less than many checks."""
+
+
+class Chain(NamedTuple):
+    """What compiled loops read of an arm."""
+
+    frames: Float[np.ndarray, "dof1 3 4"]
+    """Its joint frames (`kinematics.joint_frames`)."""
+    lower: Float[np.ndarray, " dof"]
+    """Least joint angles, in [rad]."""
+    upper: Float[np.ndarray, " dof"]
+    """Greatest joint angles, in [rad]."""
+
+
+class Descent(NamedTuple):
+    """How far a descent goes, and what it makes small."""
+
+    free_roll: bool
+    """Whether only the approach direction counts, not the roll about it."""
+    lever: float
+    """Weight of the angle error against the position error, in [m/rad]."""
+    iterations: int
+    """Most steps."""
+    off_enough: float
+    """Error of position that ends it, in [m]."""
+    angle_enough: float
+    """Error of angle that ends it, in [rad]."""
 
 
 def starting_configurations(robot: RobotDescription, n: int, seed: int) -> Float[np.ndarray, "n dof"]:
@@ -68,8 +94,7 @@ def refine(
     """
     joints = np.array(joints, dtype=np.float64)
     errors = np.empty((len(joints), 2))
-    frames, lower, upper = _arm(robot)
-    _refine(frames, lower, upper, joints, *_as_float64(positions, rotations), iterations, free_roll, errors)
+    _refine(_chain(robot), joints, *_as_float64(positions, rotations), iterations, free_roll, errors)
     return joints, errors[:, 0], errors[:, 1]
 
 
@@ -106,7 +131,7 @@ def solve(
         most = min(most, len(starts))
         found, after = np.full((len(pending), most, len(robot.joints)), np.nan), next_start[pending]
         _search(
-            *_arm(robot), np.ascontiguousarray(starts), positions[pending], rotations[pending], free_roll, loose,
+            _chain(robot), np.ascontiguousarray(starts), positions[pending], rotations[pending], free_roll, loose,
             found, after,
         )  # fmt: skip
         next_start[pending] = after
@@ -142,22 +167,22 @@ def configurations(
     """
     positions, rotations = _as_float64(positions, rotations)
     found = np.full((len(positions), most, len(robot.joints)), np.nan)
-    frames, lower, upper = _arm(robot)
+    chain, dof = _chain(robot), len(robot.joints)
     if not limited:
-        lower, upper = np.full(len(lower), -2 * np.pi), np.full(len(lower), 2 * np.pi)
+        chain = chain._replace(lower=np.full(dof, -2 * np.pi), upper=np.full(dof, 2 * np.pi))
     pending = np.flatnonzero(
         ~beyond_reach(robot, positions, rotations, POSITION_TOLERANCE + ANGLE_TOLERANCE * wrist_offset(robot))
     )
     of_pending, begin = found[pending], np.zeros(len(pending), dtype=np.int64)
     starts = np.ascontiguousarray(starts, dtype=np.float64)
-    _search(frames, lower, upper, starts, positions[pending], rotations[pending], free_roll, 0.0, of_pending, begin)
+    _search(chain, starts, positions[pending], rotations[pending], free_roll, 0.0, of_pending, begin)
     found[pending] = of_pending
     return found
 
 
 @lru_cache
-def _arm(robot: RobotDescription) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return joint_frames(robot), robot.lower.astype(np.float64), robot.upper.astype(np.float64)
+def _chain(robot: RobotDescription) -> Chain:
+    return Chain(joint_frames(robot), robot.lower.astype(np.float64), robot.upper.astype(np.float64))
 
 
 def _as_float64(positions: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -166,45 +191,32 @@ def _as_float64(positions: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarra
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def _refine(frames, lower, upper, joints, positions, rotations, iterations, free_roll, errors):
+def _refine(chain, joints, positions, rotations, iterations, free_roll, errors):
     work = np.empty((4 * joints.shape[1] + 16, 6))
+    how = Descent(free_roll, LEVER, iterations, POSITION_TOLERANCE, ANGLE_TOLERANCE)
     for i in range(len(joints)):
-        errors[i] = descend(
-            frames,
-            lower,
-            upper,
-            joints[i],
-            positions[i],
-            rotations[i],
-            free_roll,
-            LEVER,
-            iterations,
-            POSITION_TOLERANCE,
-            ANGLE_TOLERANCE,
-            work,
-        )
+        errors[i] = descend(chain, joints[i], positions[i], rotations[i], how, work)
 
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def _search(frames, lower, upper, starts, positions, rotations, free_roll, loose, found, next_start):
+def _search(chain, starts, positions, rotations, free_roll, loose, found, next_start):
     """Fill the rows of `found` (n, most, dof) with different configurations that reach each pose, as far as they go.
 
     `next_start` says which start to begin with; it becomes the one after the last that was used.
     """
     work = np.empty((4 * starts.shape[1] + 16, 6))
-    q, steps = np.empty(starts.shape[1]), np.int64(ITERATIONS)
+    q = np.empty(starts.shape[1])
+    how = Descent(free_roll, LEVER, np.int64(ITERATIONS), POSITION_TOLERANCE, ANGLE_TOLERANCE)
     for i in range(len(positions)):
         p, r, count = positions[i], rotations[i], 0
         while next_start[i] < len(starts) and count < found.shape[1]:
             q[:] = starts[next_start[i]]
             next_start[i] += 1
-            off, angle = descend(
-                frames, lower, upper, q, p, r, free_roll, LEVER, steps, POSITION_TOLERANCE, ANGLE_TOLERANCE, work
-            )
+            off, angle = descend(chain, q, p, r, how, work)
             reached = off <= POSITION_TOLERANCE and angle <= ANGLE_TOLERANCE
             if loose > 0 and not reached:
-                off, angle = _polish(frames, lower, upper, q, p, r, free_roll, loose, off, angle, work)
+                off, angle = _polish(chain, q, p, r, free_roll, loose, (off, angle), work)
                 reached = 1e3 * off + np.degrees(angle) <= loose
             if reached and not _is_among(q, found[i, :count]):
                 found[i, count] = q
@@ -227,12 +239,13 @@ def _is_among(q, others):
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def _polish(frames, lower, upper, q, position, rotation, free_roll, loose, off, angle, work):
+def _polish(chain, q, position, rotation, free_roll, loose, errors, work):
     """Lessen the sum of position error in [mm] and angle error in [deg] where it may become `loose`.
 
     A sum a + b of lengths is least where a^2 / s + b^2 / (1 - s) is, for s = a / (a + b): squares weighted anew in
     each round.
     """
+    off, angle = errors
     steps = np.int64(12)
     for _ in range(4):
         total = 1e3 * off + np.degrees(angle)
@@ -240,24 +253,24 @@ def _polish(frames, lower, upper, q, position, rotation, free_roll, loose, off, 
             break
         share = min(max(1e3 * off / total, 0.05), 0.95)
         lever = np.degrees(1e-3) * np.sqrt(share / (1 - share))
-        off, angle = descend(
-            frames, lower, upper, q, position, rotation, free_roll, lever, steps, POSITION_TOLERANCE, ANGLE_TOLERANCE,
-            work,
-        )  # fmt: skip
+        how = Descent(free_roll, lever, steps, POSITION_TOLERANCE, ANGLE_TOLERANCE)
+        off, angle = descend(chain, q, position, rotation, how, work)
     return off, angle
 
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def descend(frames, lower, upper, q, position, rotation, free_roll, lever, iterations, off_enough, angle_enough, work):
+def descend(chain, q, position, rotation, how, work):
     """Levenberg-Marquardt steps on `q`, in place, until the errors of position in [m] and of angle in [rad] are small
-    enough; returns them.
+    enough; returns them. It takes a `Chain` and a `Descent`.
 
     Numba compiles it anew for each literal among its arguments: hand on variables.
 
     Nakamura & Hanafusa (1986), with joints held at a limit that the step would cross left out of it, and the damping
     of Marquardt: less after a step that brings the flange nearer, more after one that does not.
     """
+    frames, lower, upper = chain
+    free_roll, lever, iterations, off_enough, angle_enough = how
     n = len(q)
     jacobian, tried = work[:n], work[n : 2 * n]
     a = work[2 * n : 2 * n + 6]

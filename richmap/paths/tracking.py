@@ -13,6 +13,8 @@ from richmap.motion.inverse_kinematics import (
     ITERATIONS,
     LEVER,
     POSITION_TOLERANCE,
+    Chain,
+    Descent,
     configurations,
     descend,
     starting_configurations,
@@ -89,7 +91,7 @@ def follow(
     joints, n = np.zeros((len(positions), len(start))), len(positions)
     found, turned = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
     _follow(
-        joint_frames(robot), *robot.stops,
+        Chain(joint_frames(robot), *robot.stops),
         np.array(start, dtype=np.float64), np.ascontiguousarray(positions, dtype=np.float64),
         np.ascontiguousarray(rotations, dtype=np.float64), free_roll, joints, found, turned,
     )  # fmt: skip
@@ -103,11 +105,12 @@ def _starts(robot: RobotDescription) -> Float[np.ndarray, "starts dof"]:
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def _follow(frames, lower, upper, start, positions, rotations, free_roll, joints, found, turned):
+def _follow(chain, start, positions, rotations, free_roll, joints, found, turned):
+    frames, lower, upper = chain
     n = len(start)
     work = np.empty((4 * n + 16, 6))
     q, least, most, trial = start.copy(), np.empty(n), np.empty(n), np.empty(n)
-    missed, turns, steps = 0, 0, np.int64(ITERATIONS)
+    missed, turns, how = 0, 0, Descent(free_roll, LEVER, np.int64(ITERATIONS), PRECISION, PRECISION)
     for i in range(len(positions)):
         far = min(FARTHEST * (missed + 1), FARTHEST_AFTER)
         reached = False
@@ -120,10 +123,7 @@ def _follow(frames, lower, upper, start, positions, rotations, free_roll, joints
                 trial[j] = min(max(q[j], least[j]), most[j])
             if not possible:
                 continue
-            off, angle = descend(
-                frames, least, most, trial, positions[i], rotations[i], free_roll, LEVER, steps, PRECISION,
-                PRECISION, work,
-            )  # fmt: skip
+            off, angle = descend(Chain(frames, least, most), trial, positions[i], rotations[i], how, work)
             reached = off <= POSITION_TOLERANCE and angle <= ANGLE_TOLERANCE
             if reached:
                 break

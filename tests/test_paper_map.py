@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from richmap.counterparts.paper_map import TorchInserter, TorchNearest
 from richmap.geometry.grid import Grid
-from richmap.maps.torch_twin import TorchInserter, TorchNearest
 
 THETA = 0.3
 GRID = Grid((-0.1, -0.1, -0.1), 0.1, (2, 2, 2))
@@ -52,7 +52,7 @@ def test_inserts_what_pose_after_pose_would():
 def test_how_poses_are_grouped_into_products_does_not_matter(monkeypatch):
     batches = [random_poses(1000, seed) for seed in range(2)]
     whole = inserted(batches)[0].stored()
-    monkeypatch.setattr("richmap.maps.torch_twin.PRODUCTS", {"cpu": 5000})
+    monkeypatch.setattr("richmap.maps.torch_insertion.PRODUCTS", {"cpu": 5000})
     pieces = inserted(batches)[0].stored()
     assert all((a == b).all() for a, b in zip(whole, pieces, strict=True))
 
