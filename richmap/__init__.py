@@ -4,6 +4,7 @@ import atexit
 import hashlib
 import importlib
 import os
+import re
 import shutil
 from contextlib import suppress
 from pathlib import Path
@@ -12,11 +13,28 @@ from typing import Any
 
 import platformdirs
 
-# Numba keeps compiled loops by the file that they stand in, and would go on using ones into which the loops of another
-# file, changed since, were compiled. So each state of the package has a folder of its own. Numba wants to write to it
-# also where it only reads: where it may not, as in a home that is read-only, a copy goes with this process.
-_sources = b"".join(file.read_bytes() for file in sorted(Path(__file__).parent.rglob("*.py")))
-_folder = Path(platformdirs.user_cache_dir("richmap"), "numba", hashlib.sha256(_sources).hexdigest()[:16])
+_IMPORTS = re.compile(rb"^(?:from ([\w.]+) )?import (\([^)]*\)|[\w., ]+)", re.MULTILINE)
+
+
+def _state_of_loops(root: Path) -> str:
+    """A hash of the modules that hold compiled loops and of those that they import, from which constants come."""
+    found = (file for package in ("richmap", "envs") for file in sorted((root / package).rglob("*.py")))
+    sources = {file.relative_to(root).with_suffix("").as_posix().replace("/", "."): file.read_bytes() for file in found}
+    reached = {name for name, source in sources.items() if b"@numba.njit" in source}
+    wanted = [*reached]
+    while wanted:
+        for package, names in _IMPORTS.findall(sources[wanted.pop()]):
+            each = [name.strip(" ()\n") for name in names.decode().split(",")]
+            new = {package.decode(), *each, *(f"{package.decode()}.{name}" for name in each)} & {*sources} - reached
+            reached |= new
+            wanted += new
+    return hashlib.sha256(b"".join(sources[name] for name in sorted(reached))).hexdigest()[:16]
+
+
+# Numba keeps compiled loops by the file that they stand in, and would go on using ones into which another file, changed
+# since, was compiled. So each state of these files has a folder of its own. Numba wants to write to it also where it
+# only reads: where it may not, as in a home that is read-only, a copy goes with this process.
+_folder = Path(platformdirs.user_cache_dir("richmap"), "numba", _state_of_loops(Path(__file__).parents[1]))
 if "NUMBA_CACHE_DIR" not in os.environ:
     with suppress(OSError):
         _folder.mkdir(parents=True, exist_ok=True)

@@ -1,15 +1,20 @@
 """The user's cache: what killed builds left in it goes."""
 
 import os
+import shutil
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from filelock import FileLock
 
+import richmap
 from richmap.cache import WEEK, clear_leftovers
 from richmap.outputs import replacing
+
+ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture
@@ -43,3 +48,22 @@ def test_loops_are_compiled_elsewhere_where_the_cache_cannot_be_written_to(tmp_p
     code = "import os, richmap; print(os.path.isdir(os.environ['NUMBA_CACHE_DIR']), os.environ['NUMBA_CACHE_DIR'])"
     said = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True).stdout
     assert said.startswith(f"True {tmp_path}/richmap-") and not [*tmp_path.iterdir()]
+
+
+def test_loops_are_compiled_anew_where_what_is_compiled_into_them_has_changed(tmp_path):
+    for package in ("richmap", "envs"):
+        shutil.copytree(
+            ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__", "*.safetensors")
+        )
+
+    def state(file, text):
+        source = (tmp_path / file).read_text()
+        (tmp_path / file).write_text(source + text)
+        state = richmap._state_of_loops(tmp_path)
+        (tmp_path / file).write_text(source)
+        return state
+
+    before = state("richmap/progress.py", "")
+    assert state("richmap/progress.py", "# Nothing that a loop knows of.") == before
+    of_loops = ["richmap/motion/kinematics.py", "richmap/geometry/grid.py", "envs/press_buttons/workspace.py"]
+    assert len({before, *(state(file, "ANGLE = 1.0") for file in of_loops)}) == 4
