@@ -126,9 +126,9 @@ class CheckConfig:
 
 def main(config: CheckConfig) -> None:
     """Follow the path, say what becomes of it, and write tables, a picture and a page."""
-    from benchmark.artifacts.check_files import counted, save_check
+    from benchmark.artifacts.check_files import save_check
     from richmap.paths.check import check
-    from richmap.progress import plain_console
+    from richmap.progress import number_of, plain_console
     from richmap.robots import ROBOTS
     from richmap.robots.robots import robot_file
 
@@ -142,7 +142,7 @@ def main(config: CheckConfig) -> None:
     _check_metres(path, robot, config.poses)
     options: dict[str, Any] = {"free_roll": config.free_roll, "speed": config.speed}
     of_robot, of_source = _maps(config, robot, console)
-    with console.status(f"Following {counted(len(path.positions), 'step')}"):
+    with console.status(f"Following {number_of('step', len(path.positions))}"):
         done = check(robot, path, robot_map=of_robot, source_map=of_source, **options)
     console.print(in_words(done, config.source.name), soft_wrap=True)
     found = None
@@ -269,13 +269,13 @@ def in_words(done: "PathCheck", source: str) -> str:
     """Shares that are followed and reached, why steps are lost and where first, and what maps say beside."""
     import numpy as np
 
-    from benchmark.artifacts.check_files import counted
     from richmap.paths.path_check import Reason
+    from richmap.progress import number_of
 
     n, spans = len(done.reason), done.path.spans
     lines = [
-        f"{done.robot.name} follows {_percent(done.steps_followed)} of {counted(n, 'step')}, and "
-        f"{_percent(done.episodes_followed)} of {counted(len(spans), 'episode')} from the first step to the last.",
+        f"{done.robot.name} follows {_percent(done.steps_followed)} of {number_of('step', n)}, and "
+        f"{_percent(done.episodes_followed)} of {number_of('episode', len(spans))} from the first step to the last.",
         f"Pose by pose, without a way between them, it reaches {_percent(done.reachable.mean())} of the steps, and all "
         f"poses of {_percent(done.episodes_reachable)} of the episodes.",
     ]
@@ -287,8 +287,9 @@ def in_words(done: "PathCheck", source: str) -> str:
             about = f": {first.about}" if first.about else ""
             steps, of = sum(lost.steps for lost in stretches), len({lost.episode for lost in stretches})
             lines.append(
-                f"  {reason.words}: {counted(steps, 'step')} ({100 * steps / n:.1f} %) in {counted(of, 'episode')}; "
-                f"first in episode {first.episode}, step {first.step}, at ({place}) m{about}"
+                f"  {reason.words}: {number_of('step', steps)} ({100 * steps / n:.1f} %) in "
+                f"{number_of('episode', of)}; first in episode {first.episode}, step {first.step}, "
+                f"at ({place}) m{about}"
             )
     assumed = [name for name, stated in zip(done.robot.joints, done.robot.speeds, strict=True) if np.isinf(stated)]
     if assumed:
@@ -305,7 +306,7 @@ def in_words(done: "PathCheck", source: str) -> str:
         known = done.mmd[~np.isnan(done.mmd)]
         said = f"mean {known.mean():.3f}, most {known.max():.3f}" if len(known) else "nowhere do both have directions"
         lines.append(
-            f"MMD against {source} along the path (0 for equal sets, at most 1.41), {counted(len(known), 'step')}: "
+            f"MMD against {source} along the path (0 for equal sets, at most 1.41), {number_of('step', len(known))}: "
             f"{said}."
         )
     return "\n".join(lines)

@@ -11,7 +11,8 @@ import secrets
 import shutil
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from itertools import chain
 from pathlib import Path
@@ -28,7 +29,7 @@ from benchmark.settings.robot_config import PAPER_ARMS, RobotConfig
 from benchmark.settings.scenes import FIRST_TEST_SEED, VALIDATION
 from benchmark.settings.suite import suite_conditions, suite_scenes, tasks_of
 from benchmark.settings.task import chosen_task
-from richmap.outputs import replacing
+from richmap.outputs import missing_folders, remove_empty, replacing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -183,7 +184,7 @@ def main(config: EnterConfig) -> None:
     from benchmark.scoring.suite_table import show_suite
     from richmap.progress import plain_console
 
-    console, tables = plain_console(), []
+    console, tables, made = plain_console(), [], missing_folders(Path(config.output_dir, entry.about.name))
     tasks = tasks_of(config.conditions) if config.suite else [config.task]
     if entry.about.policy and len(tasks) > 1:
         raise SettingError(
@@ -205,7 +206,9 @@ def main(config: EnterConfig) -> None:
         if config.table:
             check(config, rollouts, console)
         else:
-            tables += [evaluate(entry, rollouts, runs[0], console), direct_transfer(config, direct, task, console)]
+            with _leaving_nothing(Path(runs[0].output_dir), made):
+                tables.append(evaluate(entry, rollouts, runs[0], console))
+            tables.append(direct_transfer(config, direct, task, console))
     if config.suite and tables:
         ceilings, rows = read_ceilings(ceilings_file(config.suite)), pd.concat(tables, ignore_index=True)
         show_suite(config.suite, config.conditions, rows, ceilings)
@@ -292,6 +295,19 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
         )
     console.print(f"Episodes: {folder / 'episodes'}", soft_wrap=True)
     return made
+
+
+@contextmanager
+def _leaving_nothing(folder: Path, made: list[Path]) -> Iterator[None]:
+    """Remove a folder for episodes that is refused without one, with those above it, as far as they were made."""
+    try:
+        yield
+    except SettingError:
+        remove_empty([folder / "episodes"])
+        if made and {file.name for file in folder.glob("*")} == {"entry.yaml"}:
+            (folder / "entry.yaml").unlink()
+            remove_empty([folder, *made])
+        raise
 
 
 def _check_author(entry: Entry, folder: Path) -> None:

@@ -1,9 +1,9 @@
-"""The progress bar that every long stage shows."""
+"""What commands show as they work: plain lines, and the progress bar of every long stage."""
 
 from time import monotonic
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -14,6 +14,8 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.status import Status
+from rich.text import Text
 
 SAY_EVERY = 60.0
 """Time between two lines where there is no terminal, in [s]."""
@@ -45,9 +47,19 @@ class SpokenProgress(Progress):
         self.console.print(" ".join(map(str, texts)) + left, soft_wrap=True, markup=False)
 
 
+class _PlainConsole(Console):
+    def status(self, status: RenderableType, **settings: Any) -> Status:
+        return super().status(Text(status) if isinstance(status, str) else status, **settings)
+
+
 def plain_console(**settings: Any) -> Console:
     """A console that prints a text as it is, whatever brackets and colons are in it."""
-    return Console(markup=False, emoji=False, **settings)
+    return _PlainConsole(markup=False, emoji=False, **settings)
+
+
+def number_of(what: str, number: int) -> str:
+    """So many of something: 1 step, 2 steps."""
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 def progress_bar(console: Console | None = None, period: int | float = 30.0) -> SpokenProgress:

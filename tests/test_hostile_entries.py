@@ -187,6 +187,16 @@ def test_what_was_finished_before_is_kept(brief, tmp_path):
     assert read_episodes(output / "late").episode_seed.tolist() == [150_000]
 
 
+def test_of_a_class_that_fails_at_once_no_folder_is_left(brief, tmp_path):
+    stranger(tmp_path, "raise ValueError('no')")
+    (tmp_path / "entry.yaml").write_text("name: bad\nauthor: A\ndescription: B\nguidance: theirs.py:Theirs\nscale: 1")
+    few = {"robots": ["xarm6"], "seeds": [42], "episodes": 1, "batch_size": 1, "workers": 1, "device": "cpu"}
+    output = tmp_path.parent / "nothing"
+    with pytest.raises(SettingError, match="raised ValueError: no"):
+        enter.main(EnterConfig(entry=str(tmp_path), output_dir=str(output), **few))
+    assert not output.exists()
+
+
 def test_a_class_cannot_write_to_the_process_that_has_its_limits(tmp_path):
     lines = [
         "about = lambda p, file: open(f'/proc/{p}/{file}').read()",

@@ -11,6 +11,7 @@ from benchmark.artifacts.scene_page import ARM, Bar, Colour, arm_meshes, boxes, 
 from richmap.motion.reach import reach_ball
 from richmap.outputs import replacing
 from richmap.paths.path_check import PathCheck, Reason
+from richmap.progress import number_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -111,15 +112,10 @@ def draw(check: PathCheck) -> "Figure":
     episodes.imshow(picture, aspect="auto", interpolation="nearest")
     episodes.set(title="episodes", xlabel="step", ylabel="episode, as they come")
     figure.suptitle(
-        f"{check.robot.name}: {100 * check.steps_followed:.1f} % of {counted(len(check.reason), 'step')} and "
-        f"{100 * check.episodes_followed:.1f} % of {counted(len(spans), 'episode')} are followed"
+        f"{check.robot.name}: {100 * check.steps_followed:.1f} % of {number_of('step', len(check.reason))} and "
+        f"{100 * check.episodes_followed:.1f} % of {number_of('episode', len(spans))} are followed"
     )
     return figure
-
-
-def counted(number: int, what: str) -> str:
-    """So many of something."""
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 def page(check: PathCheck, colour: str) -> tuple:
@@ -137,7 +133,7 @@ def page(check: PathCheck, colour: str) -> tuple:
     else:
         shades = np.array([COLOURS[Reason(int(reason))] for reason in check.reason[some]], dtype=np.uint8)
         counts = {reason: int((check.reason == reason).sum()) for reason in COLOURS}
-        of_reasons = [(f"{r.words}: {counted(k, 'step')}", COLOURS[r]) for r, k in counts.items() if k]
+        of_reasons = [(f"{r.words}: {number_of('step', k)}", COLOURS[r]) for r, k in counts.items() if k]
     cubes = boxes(check.path.positions[some], EDGE, shades)
     scene = trimesh.Scene()
     scene.add_geometry(cubes, node_name="poses", geom_name="poses")

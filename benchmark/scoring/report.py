@@ -7,6 +7,7 @@ import pandas as pd
 from benchmark.scoring.scores import by_condition, causes_text, difference_text, paired, with_interval
 from benchmark.scoring.text_table import text_table
 from envs.task import Task
+from richmap.progress import number_of
 
 
 def print_report(task: Task, tables: list[pd.DataFrame], output_dir: Path) -> None:
@@ -19,7 +20,7 @@ def print_report(task: Task, tables: list[pd.DataFrame], output_dir: Path) -> No
     """
     rows = [by_condition(table, task).iloc[0] for table in tables]
     names = [f"{row.method}, lambda {row['lambda']:g}" if row["lambda"] else row.method for row in rows]
-    print(f"{rows[0].robot}, {rows[0].setting}, {rows[0].n} episodes. Percent, with 95 % intervals:")
+    print(f"{rows[0].robot}, {rows[0].setting}, {number_of('episode', int(rows[0].n))}. Percent, with 95 % intervals:")
     lines = [[_spaced(score), *(with_interval(row, score) for row in rows)] for score in task.score_names]
     print(text_table(["", *names], lines))
     for name, row in zip(names, rows, strict=True):

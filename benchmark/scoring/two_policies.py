@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from benchmark.scoring.anytime import anytime_difference, evidence, first_clear
 from benchmark.settings.setting import SettingError
+from richmap.progress import number_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,8 +38,8 @@ def paired_episodes(a: "pd.DataFrame", b: "pd.DataFrame") -> "pd.DataFrame":
             raise SettingError(f"a is of {envs[0]}, and b of {envs[1]}. Evaluate both on the same arm and setting.")
         if len(one) != len(other):
             raise SettingError(
-                f"{name}: a has {len(one)} episodes, and b {len(other)}. Run both with the same --eval.n_episodes "
-                "and --seed."
+                f"{name}: a has {number_of('episode', len(one))}, and b {len(other)}. Run both with the same "
+                "--eval.n_episodes and --seed."
             )
         if seeded and sorted(one.seed) != sorted(other.seed):
             raise SettingError(

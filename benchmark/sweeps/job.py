@@ -27,6 +27,7 @@ from benchmark.settings.setting import SettingError
 from benchmark.settings.task import chosen_task
 from benchmark.settings.typed import typed
 from policies.methods import DIRECT
+from richmap.progress import number_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -75,7 +76,7 @@ def run_job(config: DictConfig) -> None:
             tables = [_rolled_out(part, job.workers if alone else 1, folder) for part in parts]
             rows, score = pd.concat(tables, ignore_index=True), chosen_task(parts[0].task).ranking[0]
             record.tasks = [part.task for part in parts]
-            record.came_out = f"{score} {100 * rows[score].mean():.1f} % of {len(rows)} episodes"
+            record.came_out = f"{score} {100 * rows[score].mean():.1f} % of {number_of('episode', len(rows))}"
             record.came_out += "".join(f"; not in {task}: {why}" for task in job.tasks if (why := job.idle(task)))
     except SettingError as error:
         record.reason, record.refused = " ".join(str(error).split()), True
