@@ -29,7 +29,7 @@ from benchmark.scoring.scores import causes_text, difference_text
 from benchmark.scoring.statistics import holm, paired_p_value
 from benchmark.scoring.suite_table import by_condition, standing
 from benchmark.settings.command import CONF, SettingError
-from benchmark.settings.config import ConditionConfig, RunConfig
+from benchmark.settings.config import ORACLE_METHODS, ConditionConfig, RunConfig
 from benchmark.settings.recipe import RECIPES, USUAL, recipe_folder
 from benchmark.settings.suite import suite_conditions, suite_scenes
 from benchmark.settings.task import chosen_task
@@ -430,14 +430,20 @@ def test_frozen_ceilings_are_made_of_the_rows_that_they_name(suite):
 
 
 @pytest.mark.results
-def test_the_published_document_says_what_the_published_rows_say():
-    """Each figure of direct transfer and each gain, by plain counting."""
-    text = (Path(__file__).parents[1] / "results" / "LEADERBOARD.md").read_text()
+@pytest.mark.parametrize(
+    ("board", "suites"), [("", ("full", "push-v1", "official")), ("press_buttons", ("full", "buttons-v1"))]
+)
+def test_the_published_documents_say_what_the_published_rows_say(board, suites):
+    """Each figure of direct transfer and each gain, by plain counting; and every method that has rows is in it."""
+    text = (Path(__file__).parents[1] / "results" / board / "LEADERBOARD.md").read_text()
     stored = read_tables(Path(__file__).parents[1] / "results" / "suites")
-    for suite in ("full", "push-v1", "official"):
+    for suite in suites:
         section = re.split("\n#+ ", text.partition(f"Suite `{suite}`\n")[2])[0]
         conditions, rows = suite_conditions(suite), stored[stored.episode_seed.isin(suite_scenes(suite))]
-        for name, of_condition in by_condition(rows, conditions).items():
+        of_conditions = by_condition(rows, conditions)
+        methods = {method for of_condition in of_conditions.values() for method in of_condition.method}
+        assert methods - {*ORACLE_METHODS.values()} <= {*re.findall(r"[\w-]+", section)}
+        for name, of_condition in of_conditions.items():
             of = of_condition.set_index(["checkpoint", "episode_seed"])
             direct = of.p2[of.method == "direct"].astype(float)
             saturated = ", saturated" * (conditions[name].saturated and suite != "official")
