@@ -3,6 +3,7 @@ import re
 from itertools import product
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmark.artifacts.checkpoint import Checkpoint
 from benchmark.settings.command import SettingError
+from benchmark.studies.original_task.response import Response, ShowsResponse
 from benchmark.studies.original_task.rule import (
     FIRST_X,
     LAMBDAS,
@@ -30,10 +32,11 @@ from benchmark.studies.original_task.run import (
     text,
 )
 from benchmark.studies.original_task.simulation import DOWN, target_joints_request, tilt_of, yaw_of
-from benchmark.studies.original_task.task import VERSION, original_arm, original_task, split, summarize
+from benchmark.studies.original_task.task import NAME, OF_SOURCE, VERSION, original_arm, original_task, split, summarize
 from envs.block_push.workspace import HEIGHT
 from richmap.geometry.grid import Grid
 from richmap.similarity.energy import EnergyField
+from richmap.task_spaces.block_push import AT
 
 ASSETS = os.environ.get("DIFFUSION_POLICY", "")
 """Checkout of real-stanford/diffusion_policy."""
@@ -124,6 +127,56 @@ def test_an_episode_is_summarized_by_its_steps():
     assert outcome.lag_mean == pytest.approx(0.02) and outcome.failure_cause == "unknown"
 
 
+@pytest.fixture
+def lagging():
+    """Frames of two episodes of an effector that is 10 % of each step behind its command, and 1 mm beside it."""
+    rng = np.random.default_rng(0)
+    commanded = np.cumsum(rng.uniform(-0.02, 0.02, (2, 50, 2)), axis=1) + [0.4, 0.0]
+    step = np.diff(commanded, axis=1, prepend=commanded[:, :1])
+    state = np.concatenate([commanded - 0.1 * step + [0.001, 0.0], commanded], axis=2)
+    return state.reshape(-1, 4), np.repeat([0, 1], 50)
+
+
+def test_a_response_is_found_where_it_is_linear(lagging):
+    response = Response.fitted(*lagging)
+    behind = response.behind(np.array([0.5, -0.1]), np.array([0.02, 0.01]))
+    np.testing.assert_allclose(behind, [0.001 - 0.002, -0.001], atol=1e-12)
+
+
+def test_where_the_effector_is_shown_follows_the_command_alone_and_nothing_else_changes(lagging):
+    class Still(gymnasium.Env):
+        """The effector never moves."""
+
+        def __init__(self):
+            self.state = np.arange(16.0)
+            self.state[AT["commanded"]] = 0.4, 0.0
+
+        def reset(self, **options):
+            return self.state.astype(np.float32), {}
+
+        def step(self, action):
+            self.state[AT["commanded"]] += action
+            return self.state.astype(np.float32), 0.0, False, False, {"lag": 0.3}
+
+    env = ShowsResponse(Still(), Response.fitted(*lagging))
+    for _ in range(2):  # An episode does not know of the one before.
+        env.unwrapped.state[AT["commanded"]] = 0.4, 0.0
+        start, _ = env.reset(seed=0)
+        np.testing.assert_allclose(start[AT["effector"]], [0.401, 0.0], atol=1e-6)
+    for action in ([0.02, 0.0], [0.0, -0.02]):
+        state, *_, info = env.step(np.array(action))
+        expected = state[AT["commanded"]] - 0.1 * np.array(action) + [0.001, 0.0]
+        np.testing.assert_allclose(state[AT["effector"]], expected, atol=1e-6)
+        others = np.delete(np.arange(16), np.r_[AT["effector"], AT["commanded"]])
+        assert (state[others] == others).all() and info == {"lag": 0.3}
+
+
+def test_rows_of_another_response_are_a_table_of_their_own(tmp_path):
+    own, of_source = (OriginalTaskConfig(response=each, output_dir=str(tmp_path)).rows for each in ("own", "xarm6"))
+    assert own.name == "clean" and of_source.name == "clean_xarm6_response"
+    assert OF_SOURCE not in (NAME, "block_push")
+
+
 def test_the_field_moves_with_the_base(tmp_path, monkeypatch):
     values = np.random.default_rng(0).random((6, 6, 6))
     common = EnergyField(Grid((-0.15, -0.15, -0.15), 0.05, (6, 6, 6)), values, {"fingerprint": "common"})
@@ -146,7 +199,15 @@ def test_the_second_stage_waits_for_the_first(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "setting", [{"stage": "third"}, {"recipe": "best"}, {"arms": ["panda"]}, {"bases": [-0.1]}, {"lambdas": [0.55]}]
+    "setting",
+    [
+        {"stage": "third"},
+        {"recipe": "best"},
+        {"response": "ur3"},
+        {"arms": ["panda"]},
+        {"bases": [-0.1]},
+        {"lambdas": [0.55]},
+    ],
 )
 def test_what_the_study_does_not_have_is_refused(setting):
     with pytest.raises(SettingError, match=next(iter(setting))):

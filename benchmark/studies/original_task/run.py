@@ -14,7 +14,7 @@ from benchmark.settings.command import SettingError, check_setting, run_command
 from benchmark.settings.config import RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_folder
-from benchmark.settings.robot_config import RobotConfig
+from benchmark.settings.robot_config import SOURCE, RobotConfig
 from benchmark.studies.original_task.rule import FIRST_LAMBDAS, FIRST_X, LAMBDAS, PAPER
 
 if TYPE_CHECKING:
@@ -40,6 +40,9 @@ class OriginalTaskConfig:
     takes), table (what is stored)."""
     recipe: str = "clean"
     """Whose policies: clean (nine, of the stage policies) or robust (the three that ship)."""
+    response: str = "own"
+    """Which arm's effector policies are shown: own, where the arm's is measured; or xarm6, where the xArm6's would be
+    behind the same command, by its demonstrations (stage=policies)."""
     arms: list[str] = field(default_factory=lambda: list(PAPER))
     """Arms that are rolled out, in this order."""
     bases: list[float] = field(default_factory=lambda: list(FIRST_X))
@@ -60,6 +63,7 @@ class OriginalTaskConfig:
     def __post_init__(self) -> None:
         check_setting(self.stage in STAGES, "stage", self.stage, ", ".join(STAGES))
         check_setting(self.recipe in ("clean", "robust"), "recipe", self.recipe, "clean, robust")
+        check_setting(self.response in ("own", SOURCE), "response", self.response, f"own, {SOURCE}")
         check_setting({*self.arms} <= {*PAPER}, "arms", self.arms, ", ".join(PAPER))
         check_setting(all(0 <= x <= 0.2 for x in self.bases), "bases", self.bases, "numbers from 0 to 0.2 m")
         check_setting({*self.lambdas} <= {*LAMBDAS}, "lambdas", self.lambdas, ", ".join(f"{x:g}" for x in LAMBDAS))
@@ -76,8 +80,8 @@ class OriginalTaskConfig:
 
     @property
     def rows(self) -> Path:
-        """Folder of this recipe's table of episodes."""
-        return self.folder / self.recipe
+        """Folder of this recipe's table of episodes, with this response shown."""
+        return self.folder / (self.recipe if self.response == "own" else f"{self.recipe}_{self.response}_response")
 
 
 def main(config: OriginalTaskConfig) -> None:
@@ -172,10 +176,13 @@ def rollouts_of(
     """One for each arm, base, lambda and policy; an arm's at one base follow each other, as they share a simulation."""
     from benchmark.rollouts.make_condition import make_condition
     from benchmark.rollouts.rollout import Rollout
-    from benchmark.studies.original_task.task import NAME, VERSION, original_arm, original_task
+    from benchmark.studies.original_task.response import Response
+    from benchmark.studies.original_task.task import NAME, OF_SOURCE, VERSION, original_arm, original_task
     from richmap.similarity.load_field import load_field
 
-    task = original_task(str(Path(config.assets).resolve()))
+    own = config.response == "own"
+    response = None if own else Response.of_demonstrations(config.folder / "demonstrations")
+    task = original_task(str(Path(config.assets).resolve()), response)
     rollouts = []
     for robot in arms:
         run = RunConfig(robot=RobotConfig(robot), setting="original", device="cpu")
@@ -187,7 +194,7 @@ def rollouts_of(
                 field = None if used is None else load_field(used)
                 for checkpoint in checkpoints:
                     condition = make_condition(run, task, arm, method, scale, checkpoint, field)
-                    condition = replace(condition, task=NAME, episode_version=VERSION)
+                    condition = replace(condition, task=NAME if own else OF_SOURCE, episode_version=VERSION)
                     rollouts.append(Rollout(task, arm, condition, checkpoint, used, kind="energy" if used else None))
     return rollouts
 
@@ -219,7 +226,7 @@ def run(rollouts: "Sequence[Rollout]", config: OriginalTaskConfig, console: "Con
         range(FIRST_SEED, FIRST_SEED + config.scenes),
         lambda _: config.rows,
         config.workers,
-        f"The original task, stage {config.stage}, {config.recipe} policies",
+        f"The original task, stage {config.stage}, {config.recipe} policies, {config.response} response",
         console,
     )
 

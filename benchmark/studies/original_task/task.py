@@ -9,6 +9,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from benchmark.studies.original_task.response import Response, ShowsResponse
 from benchmark.studies.original_task.simulation import SOURCE_FLANGE, SOURCE_JOINTS, OriginalBlockPush
 from envs.arm.placed_arm import PlacedArm
 from envs.block_push.arm import block_push_arm
@@ -16,8 +17,9 @@ from envs.block_push.task import BLOCK_PUSH
 from envs.task import Task
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
-NAME = "original_block_push"
-"""In the column `task`, so that no table of ours takes these rows for its own."""
+NAME, OF_SOURCE = "original_block_push", "original_block_push_source_response"
+"""In the column `task`, so that no table of ours takes these rows for its own; where policies are shown the xArm6's
+response, the second."""
 VERSION = 2
 """Of its episodes: raised by hand when the same seed gives another row.
 
@@ -85,9 +87,13 @@ class MakeOriginal:
 
     assets: str
     """Checkout of real-stanford/diffusion_policy."""
+    response: Response | None = None
+    """What a policy is shown of how far the effector is behind its command; None for what is simulated."""
 
     def __call__(self, arm: PlacedArm, render_mode: str | None = None) -> gymnasium.Env:
-        return gymnasium.wrappers.TransformObservation(self.with_plain_observation(arm), split, None)
+        env = self.with_plain_observation(arm)
+        shown = env if self.response is None else ShowsResponse(env, self.response)
+        return gymnasium.wrappers.TransformObservation(shown, split, None)
 
     def with_plain_observation(self, arm: PlacedArm) -> gymnasium.Env:
         """The same with the sixteen numbers in a row."""
@@ -104,11 +110,11 @@ def split(state: np.ndarray) -> dict[str, np.ndarray]:
     return {"agent_pos": agent, "environment_state": environment}
 
 
-def original_task(assets: str) -> Task:
+def original_task(assets: str, response: Response | None = None) -> Task:
     """The task, with blocks and tool from a checkout of real-stanford/diffusion_policy."""
     return replace(
         BLOCK_PUSH,
-        make=MakeOriginal(assets),
+        make=MakeOriginal(assets, response),
         outcome=OriginalOutcome,
         summarize=summarize,
         scores=tuple(score for score in BLOCK_PUSH.scores if score.name != "success_at_end"),
