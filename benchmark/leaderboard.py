@@ -4,7 +4,6 @@ python -m benchmark.leaderboard
 python -m benchmark.leaderboard recipe=clean
 """
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -42,11 +41,11 @@ def main(config: LeaderboardConfig) -> None:
     boards = read_boards(folder, task, config.recipe)
     board = recipe_folder(folder if config.task == LeaderboardConfig.task else folder / task.name, config.recipe)
     text = markdown(task, boards.tables, config.recipe, boards.standings)
+    text = text.replace("](../docs/", f"]({'../' * len(board.relative_to(folder).parts)}../docs/")
     html = page(task, boards.tables, board / "figures", config.recipe, boards.standings)
-    up = "../" * len(board.relative_to(folder).parts)
     for file, content in ((board / "LEADERBOARD.md", text), (board / "leaderboard.html", html)):
         with replacing(file) as path:
-            path.write_text(re.sub(r'(\]\(|href=")\.\./docs/', rf"\g<1>{up}../docs/", content))
+            path.write_text(content)
         print(file)
 
 
