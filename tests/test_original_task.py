@@ -138,7 +138,8 @@ def lagging():
 
 
 def test_a_response_is_found_where_it_is_linear(lagging):
-    response = Response.fitted(*lagging)
+    response, left = Response.fitted(*lagging)
+    assert left < 1e-12 and "0.100 and 0.100 of the last step" in response.text and "(+1.00, +0.00) mm" in response.text
     behind = response.behind(np.array([0.5, -0.1]), np.array([0.02, 0.01]))
     np.testing.assert_allclose(behind, [0.001 - 0.002, -0.001], atol=1e-12)
 
@@ -158,7 +159,7 @@ def test_where_the_effector_is_shown_follows_the_command_alone_and_nothing_else_
             self.state[AT["commanded"]] += action
             return self.state.astype(np.float32), 0.0, False, False, {"lag": 0.3}
 
-    env = ShowsResponse(Still(), Response.fitted(*lagging))
+    env = ShowsResponse(Still(), Response.fitted(*lagging)[0])
     for _ in range(2):  # An episode does not know of the one before.
         env.unwrapped.state[AT["commanded"]] = 0.4, 0.0
         start, _ = env.reset(seed=0)
@@ -236,6 +237,15 @@ def test_the_table_shows_the_papers_figures_beside_ours():
     line = next(line for line in shown.splitlines() if "ur3" in line and " 0.5 " in line)
     gain, low, high = map(float, re.search(r"(\+5\.0) \[(.+), (.+)\]", line).groups())
     assert low < gain < high
+
+
+def test_what_another_effector_brings_is_shown_where_both_were_rolled_out():
+    shown = rows(lambda arm, x, scale, seed: 80.0, [0.05, 0.06])
+    lines = text(shown, rows(lambda arm, x, scale, seed: 50.0, [0.05])).splitlines()
+    at_5_cm, at_6_cm = (
+        [line for line in lines if f" {x} " in line and " ur5 " in line and " 0.5 " in line] for x in (0.05, 0.06)
+    )
+    assert "minus own effector" in lines[0] and "+30.0 [" in at_5_cm[0] and "+30.0" not in at_6_cm[0]
 
 
 @pytest.fixture

@@ -26,8 +26,8 @@ class Response:
     weights: tuple[tuple[float, float], ...]
 
     @classmethod
-    def fitted(cls, state: Float[np.ndarray, "n 4"], episode: np.ndarray) -> "Response":
-        """By least squares, on successive frames.
+    def fitted(cls, state: Float[np.ndarray, "n 4"], episode: np.ndarray) -> tuple["Response", float]:
+        """By least squares, on successive frames; and the root mean square of the distance that it leaves, in [m].
 
         Args:
             state: Measured and commanded effector, as `BLOCK_PUSH_SPACE.state` has them, in [m].
@@ -36,17 +36,28 @@ class Response:
         measured, commanded = (state[:, BLOCK_PUSH_SPACE.state[name]] for name in ("effector", "commanded"))
         follows = np.flatnonzero(episode[1:] == episode[:-1]) + 1
         seen = _inputs(commanded[follows], commanded[follows] - commanded[follows - 1])
-        weights, *_ = np.linalg.lstsq(seen, (measured - commanded)[follows])
-        return cls(tuple((float(x), float(y)) for x, y in weights))
+        behind = (measured - commanded)[follows]
+        weights, *_ = np.linalg.lstsq(seen, behind)
+        left = np.sqrt(((behind - seen @ weights) ** 2).sum(axis=1).mean())
+        return cls(tuple((float(x), float(y)) for x, y in weights)), float(left)
 
     @classmethod
-    def of_demonstrations(cls, folder: Path) -> "Response":
+    def of_demonstrations(cls, folder: Path) -> tuple["Response", float]:
         """That of a data set of demonstrations."""
         import pandas as pd
 
         frames = pd.read_parquet(folder / "data", columns=["observation.state", "episode_index"])
         state = np.stack(frames["observation.state"].to_list()).astype(np.float64)
         return cls.fitted(state, frames["episode_index"].to_numpy())
+
+    @property
+    def text(self) -> str:
+        """It in words."""
+        at_rest, (x, y) = 1000 * np.array(self.weights[0]), np.diag(self.weights[3:])
+        return (
+            f"The effector is behind its command by {-x:.3f} and {-y:.3f} of the last step along x and y, and at rest "
+            f"in the middle of the table it is ({at_rest[0]:+.2f}, {at_rest[1]:+.2f}) mm beside it."
+        )
 
     def behind(self, commanded: Float[np.ndarray, "2"], step: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
         """The measured effector less the commanded one, in [m], after a step of the command."""

@@ -95,7 +95,8 @@ def main(config: OriginalTaskConfig) -> None:
         rollouts = {"source": source, "first": first, "second": second}[config.stage](config, console)
         run(rollouts, config, console)
     if config.stage != "policies":
-        console.print(text(stored(config)), soft_wrap=True, highlight=False, markup=False)
+        own = None if config.response == "own" else stored(replace(config, response="own"))
+        console.print(text(stored(config), own), soft_wrap=True, highlight=False, markup=False)
 
 
 def train_policies(config: OriginalTaskConfig) -> None:
@@ -180,8 +181,10 @@ def rollouts_of(
     from benchmark.studies.original_task.task import NAME, OF_SOURCE, VERSION, original_arm, original_task
     from richmap.similarity.load_field import load_field
 
-    own = config.response == "own"
-    response = None if own else Response.of_demonstrations(config.folder / "demonstrations")
+    own, response = config.response == "own", None
+    if not own:
+        response, left = Response.of_demonstrations(config.folder / "demonstrations")
+        console.print(f"{response.text} What the fit leaves: {1000 * left:.2f} mm (root mean square).", soft_wrap=True)
     task = original_task(str(Path(config.assets).resolve()), response)
     rollouts = []
     for robot in arms:
@@ -256,29 +259,38 @@ def stored(config: OriginalTaskConfig) -> "pd.DataFrame":
     return read_episodes(config.rows)
 
 
-def text(rows: "pd.DataFrame") -> str:
+def text(rows: "pd.DataFrame", own: "pd.DataFrame | None" = None) -> str:
     """Scores, p1 and p2 in percent by the episodes' version, arm, base and lambda, beside the paper's figures; what
-    guidance gains in score, in points, with its interval for other trainings and other episodes."""
-    from benchmark.scoring.statistics import Crossed, clustered_difference
-
+    guidance gains in score, in points, with its interval for other trainings and other episodes, and likewise what is
+    gained over rows of policies that are shown the arm's own effector, if there are some."""
     if rows.empty:
         return "There are no rows yet."
     of_base = ["episode_version", "robot", "base_x"]
-    direct_rows = rows[rows["lambda"] == 0]
-    pairs = rows.merge(direct_rows, on=[*of_base, "checkpoint_hash", "episode_seed"], suffixes=("", "_direct"))
     groups = rows.groupby([*of_base, "lambda"])
     table = 100 * groups[["score", "p1", "p2"]].mean()
     table["tilt, at most [deg]"] = groups.tilt_max.max() * 57.29578
     table["policies"], table["episodes"] = groups.checkpoint_hash.nunique(), groups.size()
-    table["minus direct"] = ""
-    for key, each in pairs[pairs["lambda"] > 0].groupby([*of_base, "lambda"]):
-        gain = clustered_difference(Crossed.of(each, each.score - each.score_direct))
-        table.loc[key, "minus direct"] = "{:+.1f} [{:+.1f}, {:+.1f}]".format(*(100 * x for x in gain))
+    guided, direct = rows[rows["lambda"] > 0], rows[rows["lambda"] == 0]
+    table["minus direct"] = _gains(guided, direct, of_base, table.index)
+    if own is not None and len(own):
+        table["minus own effector"] = _gains(rows, own, [*of_base, "lambda"], table.index)
     for arm, (direct, guided) in PAPER.items():
         for key in table.index:
             if key[1] == arm:
                 table.loc[key, "the paper"] = guided if key[3] else direct
     return table.round(1).reset_index().to_markdown(index=False)
+
+
+def _gains(rows: "pd.DataFrame", others: "pd.DataFrame", alike: list[str], index: "pd.Index") -> list[str]:
+    """What rows score more than others of the same policy, scene and these columns, by the index of a table."""
+    from benchmark.scoring.statistics import Crossed, clustered_difference
+
+    pairs = rows.merge(others, on=[*alike, "checkpoint_hash", "episode_seed"], suffixes=("", "_other"))
+    gains = dict.fromkeys(index, "")
+    for key, each in pairs.assign(scale=pairs["lambda"]).groupby(["episode_version", "robot", "base_x", "scale"]):
+        gain = clustered_difference(Crossed.of(each, each.score - each.score_other))
+        gains[key] = "{:+.1f} [{:+.1f}, {:+.1f}]".format(*(100 * x for x in gain))
+    return [*gains.values()]
 
 
 if __name__ == "__main__":
