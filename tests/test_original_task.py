@@ -24,6 +24,7 @@ from benchmark.studies.original_task.rule import (
 )
 from benchmark.studies.original_task.run import (
     OriginalTaskConfig,
+    first,
     moved_field,
     of_first_stage,
     policies,
@@ -170,6 +171,12 @@ def test_where_the_effector_is_shown_follows_the_command_alone_and_nothing_else_
         np.testing.assert_allclose(state[AT["effector"]], expected, atol=1e-6)
         others = np.delete(np.arange(16), np.r_[AT["effector"], AT["commanded"]])
         assert (state[others] == others).all() and info == {"lag": 0.3}
+
+
+def test_a_response_needs_the_demonstrations_that_it_is_fitted_to(tmp_path):
+    config = OriginalTaskConfig(recipe="robust", response="xarm6", output_dir=str(tmp_path))
+    with pytest.raises(SettingError, match="demonstrations, which is not there: stage=policies"):
+        first(config, None)
 
 
 def test_rows_of_another_response_are_a_table_of_their_own(tmp_path):

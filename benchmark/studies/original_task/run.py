@@ -183,7 +183,10 @@ def rollouts_of(
 
     own, response = config.response == "own", None
     if not own:
-        response, left = Response.of_demonstrations(config.folder / "demonstrations")
+        demonstrations = config.folder / "demonstrations"
+        if not (demonstrations / "data").is_dir():
+            raise SettingError(f"response={SOURCE} is fitted to {demonstrations}, which is not there: stage=policies.")
+        response, left = Response.of_demonstrations(demonstrations)
         console.print(f"{response.text} What the fit leaves: {1000 * left:.2f} mm (root mean square).", soft_wrap=True)
     task = original_task(str(Path(config.assets).resolve()), response)
     rollouts = []
