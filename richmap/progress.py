@@ -1,5 +1,6 @@
 """What commands show as they work: plain lines, and the progress bar of every long stage."""
 
+from datetime import timedelta
 from time import monotonic
 from typing import Any
 
@@ -9,6 +10,7 @@ from rich.progress import (
     MofNCompleteColumn,
     Progress,
     ProgressColumn,
+    Task,
     TaskID,
     TextColumn,
     TimeElapsedColumn,
@@ -22,29 +24,35 @@ SAY_EVERY = 60.0
 
 
 class SpokenProgress(Progress):
-    """Rich's progress, which without a terminal, where no bar can move, says a line a minute instead."""
+    """Rich's progress, which says a line a minute and one at the end where there is no terminal that a bar can move in."""
 
     def __init__(self, *columns: ProgressColumn, **settings: Any) -> None:
         super().__init__(*columns, **settings)
-        if not self.console.is_terminal:  # The last line, which is printed there too, is then text alone.
-            self.columns = [column for column in columns if not isinstance(column, BarColumn)]
+        self._speaks = not (self.console.is_terminal or self.console.is_jupyter)
+        self.disable = self._speaks
         self._said = monotonic()
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
         super().update(task_id, **changes)
-        self._say(task_id)
+        self._say_now_and_then(self._tasks[task_id])
 
     def advance(self, task_id: TaskID, advance: int | float = 1) -> None:
         super().advance(task_id, advance)
-        self._say(task_id)
+        self._say_now_and_then(self._tasks[task_id])
 
-    def _say(self, task_id: TaskID) -> None:
-        if self.console.is_terminal or monotonic() - self._said < SAY_EVERY:
-            return
-        self._said, task = monotonic(), self._tasks[task_id]
+    def stop(self) -> None:
+        super().stop()
+        for task in self.tasks if self._speaks else ():
+            self._say(task, f", {timedelta(seconds=round(task.elapsed or 0))} used")
+
+    def _say_now_and_then(self, task: Task) -> None:
+        if self._speaks and monotonic() - self._said >= SAY_EVERY:
+            self._said, left = monotonic(), task.time_remaining
+            self._say(task, "" if left is None else f", about {max(1, round(left / 60))} min left")
+
+    def _say(self, task: Task, time: str) -> None:
         texts = [column(task) for column in self.columns if isinstance(column, (TextColumn, MofNCompleteColumn))]
-        left = "" if task.time_remaining is None else f", about {task.time_remaining / 60:.0f} min left"
-        self.console.print(" ".join(map(str, texts)) + left, soft_wrap=True, markup=False)
+        self.console.print(" ".join(map(str, texts)) + time, soft_wrap=True, markup=False)
 
 
 class _PlainConsole(Console):

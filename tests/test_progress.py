@@ -23,3 +23,11 @@ def test_a_line_is_said_now_and_then_where_no_bar_can_move(terminal, monkeypatch
     else:
         assert before == 0 and lines == ["Test poses of panda  4/10", "Test poses of panda  8/10"]
         assert said.getvalue().isascii()  # Also its last line.
+        assert said.getvalue().splitlines()[2:] == ["Test poses of panda  8/10, 0:00:00 used"]
+
+
+def test_no_line_is_cut_where_no_bar_can_move():
+    said, name = StringIO(), "custom-a-name-that-is-long.urdf-9fb79929"
+    with progress.progress_bar(Console(file=said, width=80)) as bar:
+        bar.add_task(f"Map of {name}, built for the first time, with a word or two more", total=1)
+    assert name in said.getvalue() and len(said.getvalue().splitlines()) == 1

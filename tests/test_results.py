@@ -18,7 +18,7 @@ import pytest
 
 from benchmark.episodes import parts
 from benchmark.episodes.episode import IDENTITY, row_id
-from benchmark.episodes.parts import MOST_ROWS, checksum, merge_parts, parts_in
+from benchmark.episodes.parts import MOST_ROWS, checksum, merge_parts, parts_in, read_part
 from benchmark.episodes.table import (
     drop_outdated,
     episodes_of,
@@ -129,12 +129,22 @@ def test_a_full_disk_loses_nothing(tmp_path, monkeypatch):
 
 
 def test_parts_are_merged_into_one(tmp_path):
-    written = [store_episodes(tmp_path, [episode(seed)]) for seed in range(3)]
+    written = [store_episodes(tmp_path, [episode(0), episode(seed)]) for seed in range(1, 4)]
     other = store_episodes(tmp_path, [episode(9)])
     before = read_episodes(tmp_path).sort_values("episode_seed", ignore_index=True)
     merge_parts(written)
     assert len(parts_in(tmp_path)) == 2 and other.exists()
+    assert sum(read_part(part).num_rows for part in parts_in(tmp_path)) == len(before) == 5
     pd.testing.assert_frame_equal(read_episodes(tmp_path).sort_values("episode_seed", ignore_index=True), before)
+
+
+@pytest.mark.results
+def test_no_published_row_is_there_twice():
+    tables = {*(Path(__file__).parents[1] / "results").rglob(f"{parts.FOLDER}/")}
+    assert tables
+    for table in tables:
+        rows = parts.to_frame([read_part(part) for part in parts_in(table.parent)])
+        assert not rows.duplicated([name for name in IDENTITY if name in rows]).any(), table
 
 
 @pytest.mark.parametrize("named", [True, False])

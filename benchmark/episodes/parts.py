@@ -111,7 +111,7 @@ def _write(folder: Path, table: pa.Table) -> Path:
 
 
 def merge_parts(files: Iterable[Path]) -> None:
-    """Put parts of one table together: their rows are in a new part before the old ones go.
+    """Put parts of one table together, a row that is there twice once: they are in a new part before the old ones go.
 
     What killed processes left unfinished beside them goes as well.
     """
@@ -122,7 +122,7 @@ def merge_parts(files: Iterable[Path]) -> None:
                 left.unlink()
     if len(files) < 2:
         return
-    merged = write_part(files[0].parents[1], to_frame([read_part(file) for file in files]))
+    merged = write_part(files[0].parents[1], to_frame([read_part(file) for file in files]).drop_duplicates())
     for file in files:
         if file != merged:
             file.unlink()
