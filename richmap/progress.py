@@ -24,7 +24,7 @@ SAY_EVERY = 60.0
 
 
 class SpokenProgress(Progress):
-    """Rich's progress, which says a line a minute and one at the end where there is no terminal that a bar can move in."""
+    """Rich's progress, which says a line a minute and one at the end where no bar can move: without a terminal."""
 
     def __init__(self, *columns: ProgressColumn, **settings: Any) -> None:
         super().__init__(*columns, **settings)
