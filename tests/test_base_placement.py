@@ -29,6 +29,7 @@ def about_z(yaw):
     return np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
 
 
+@pytest.mark.system
 def test_scores_agree_with_base_after_base_and_pose_after_pose(coarse_map, poses, bases):
     placement = place_base(coarse_map, *poses, bases, margin=0.1)
     steps = np.arange(-2, 3)

@@ -13,6 +13,8 @@ from policies.flange_path import FlangePath
 from policies.methods import METHODS
 from policies.setup import Setup
 
+pytestmark = pytest.mark.system
+
 TASKS = {"block_push": (BLOCK_PUSH, "gen3"), "press_buttons": (PRESS_BUTTONS, "ur5")}
 AHEAD = {"block_push": [0.42, -0.34, 0.2, 0.3], "press_buttons": [0.45, 0.08, 0.35, 0.3]}
 """Where a cuboid is beside the way."""
@@ -58,7 +60,6 @@ def denoised(guidance, chunk, state):
         return guidance.correct(chunk, state)
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("name", TASKS)
 def test_jacobian_and_slope_are_those_of_finite_differences(name):
     _, controller = placed(name)

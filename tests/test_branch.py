@@ -23,6 +23,7 @@ def joints():
     return np.random.default_rng(0).uniform(UR5.lower, UR5.upper, (2000, 6))
 
 
+@pytest.mark.system
 def test_it_is_where_pinocchios_determinant_keeps_its_sign_on_the_way_there(joints):
     model = pinocchio.buildModelFromXML(UR5.urdf)
     data, frame = model.createData(), model.getFrameId(UR5.end_effector)
@@ -79,6 +80,7 @@ def test_of_more_turns_of_a_joint_one_is_drawn():
     assert (upper >= POSTURE).all()
 
 
+@pytest.mark.system
 def test_samples_are_of_the_branch_turned_about_joint_1_and_maps_are_kept_apart():
     _, _, turned = sample_workspace(ROBOT, np.random.default_rng(0), 2000, 8).poses()
     assert len(turned) > 100

@@ -11,6 +11,8 @@ from richmap.physics.mujoco_model import arm_spec
 from richmap.robots.robots import load_robot
 from tests.eight_arms import EIGHT
 
+pytestmark = pytest.mark.system
+
 
 @pytest.fixture(params=EIGHT)
 def robot(request):
@@ -30,7 +32,6 @@ def test_a_stretched_arm_is_free_and_a_folded_one_is_not(name):
     assert self_collision(robot)(folded)
 
 
-@pytest.mark.system
 @pytest.mark.parametrize(("name", "rejected"), [("panda", 0.063), ("ur5", 0.040)])
 def test_some_makers_collision_meshes_are_wider_than_those_shown(name, rejected):
     """What the table of results/self_collision.md says of them."""
@@ -41,13 +42,11 @@ def test_some_makers_collision_meshes_are_wider_than_those_shown(name, rejected)
     assert self_collision(robot)(joints)[free].mean() == pytest.approx(rejected, abs=0.015)
 
 
-@pytest.mark.system
 def test_neighbours_in_the_chain_are_not_checked(robot):
     neighbours = set(zip(robot.links, robot.links[1:], strict=False))
     assert not neighbours & set(self_collision(robot).pairs)
 
 
-@pytest.mark.system
 def test_a_turn_that_is_called_free_is_free(robot):
     check = self_collision(robot)
     joints = random_joints(robot, 1500)

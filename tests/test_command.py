@@ -198,6 +198,8 @@ def test_texts_in_lists_are_taken_as_they_are(give):
     for given in ("inputs=[a=1.safetensors,größe/2]", "inputs=['a=1.safetensors','größe/2']"):
         assert give(shown.append, MergeMapsConfig, "merge_maps", given).status == 0
         assert shown.pop().inputs == ["a=1.safetensors", "größe/2"]
+    assert give(shown.append, MergeMapsConfig, "merge_maps", """inputs=["a,b/1", 'c=1,d', it's/2]""").status == 0
+    assert shown.pop().inputs == ["a,b/1", "c=1,d", "it's/2"]
 
 
 def test_a_number_is_a_number(give):

@@ -143,6 +143,7 @@ def test_every_stage_reads_the_same_arm_and_its_parts_are_fitted_once(file, tmp_
     assert parts_fingerprint(robot) == fitted
 
 
+@pytest.mark.system
 def test_a_shipped_arm_read_as_a_custom_one_is_the_same_arm(tmp_path):
     known = load_robot("panda")
     file = tmp_path / "panda.urdf"

@@ -36,6 +36,7 @@ def table():
     )  # fmt: skip
 
 
+@pytest.mark.system
 def test_what_decides_success_is_found_and_predicts_it(table):
     found = correlations(table, draws=100).set_index("predictor")
     assert found.loc["tracked", "arms with a name (n = 15)"] == "-1.00 [-1.00, -1.00]"

@@ -56,6 +56,7 @@ def closed_form_feasible(setting, table):
     return feasible.reshape(table.cause.shape)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("branch", RINGS)
 def test_it_agrees_with_the_closed_form_solutions(branch):
     table = usual_table(*branch)
@@ -64,6 +65,7 @@ def test_it_agrees_with_the_closed_form_solutions(branch):
     assert (to_edge[different] < 0.006).all()
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("branch", RINGS)
 def test_an_arm_that_turns_freely_reaches_a_ring(branch):
     table, (inner, outer) = usual_table(*branch), RINGS[branch]
@@ -111,6 +113,7 @@ def test_moving_base_and_box_together_changes_nothing():
     assert np.array_equal(here.cause, there.cause)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     "robot, choices",
     [

@@ -14,6 +14,8 @@ from benchmark.settings.paths import check_file
 from benchmark.settings.setting import SettingError
 from richmap.outputs import replacing
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).parents[1]
 REFUSED = {
     "run": [

@@ -41,6 +41,7 @@ def test_poses_of_free_configurations_are_labelled_reachable():
     assert np.all(label(robot, positions, rotations, starts=100))
 
 
+@pytest.mark.system
 def test_a_strict_label_holds_in_every_looser_sense():
     robot = load_robot("panda")
     positions, rotations = poses.draw("uniform", robot, np.random.default_rng(2), 150)

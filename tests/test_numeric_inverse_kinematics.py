@@ -78,6 +78,7 @@ def test_the_loose_tolerance_is_a_sum_and_takes_in_the_strict_one():
     assert (1e3 * off + np.degrees(turn)).max() <= 25 + 1e-6
 
 
+@pytest.mark.system
 def test_a_colliding_solution_does_not_end_the_search():
     robot = load_robot("ur3")
     joints = random_configurations(robot, 400)

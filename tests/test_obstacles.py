@@ -52,7 +52,6 @@ def reset_among(env: ArmEnv, *places: np.ndarray, seed: int = 50_000, **changes)
     return env.reset(options={"scene": replace(draw_scene(seed), obstacles=np.array(places), **changes)})[1]
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("draw", [draw_obstacles, draw_among_buttons])
 def test_a_seed_says_where_obstacles_are(draw):
     first = draw(50_000, 3).copy()
@@ -62,7 +61,6 @@ def test_a_seed_says_where_obstacles_are(draw):
     assert (first[:, 2] > 0).all()  # None is below the table.
 
 
-@pytest.mark.system
 def test_the_source_keeps_clear_of_them_whichever_plan_it_follows():
     env = push_env(obstacles=6)
     for mode in range(4):
@@ -109,7 +107,6 @@ def test_a_block_may_lean_on_one_and_is_held_by_it():
     assert not info["obstacle_contact"] and not info["stopped"]
 
 
-@pytest.mark.system
 def test_who_knows_its_arm_goes_round_them():
     arm = block_push_arm("gen3", obstacles=6)
     env = PUSHING.make(arm)
@@ -117,7 +114,6 @@ def test_who_knows_its_arm_goes_round_them():
     assert [PUSHING.summarize(infos).p2 for infos in played] == [False, True]
 
 
-@pytest.mark.system
 def test_what_is_imagined_on_an_arm_is_imagined_among_them():
     arm = place_arm("gen3", PRESSING.poses, obstacles=1)
     model, scene = PressModel(arm), draw_buttons(50_000)
@@ -138,6 +134,8 @@ def test_what_is_imagined_on_an_arm_is_imagined_among_them():
 THEIRS = """
 from policies.guidance import Guidance
 
+pytestmark = pytest.mark.system
+
 class Theirs(Guidance):
     def __init__(self, field, scale, base, seed):
         self.told = 0.0
@@ -150,7 +148,6 @@ class Theirs(Guidance):
 """
 
 
-@pytest.mark.system
 def test_a_class_of_ones_own_is_told_in_its_process(tmp_path):
     (tmp_path / "theirs.py").write_text(THEIRS)
     guidance = GuidanceClass(tmp_path / "theirs.py", "Theirs").make(1.0, None, (0.0, 0.0), 0)
@@ -174,7 +171,6 @@ def test_a_scene_of_ones_own_has_as_many_as_the_arm_stands_among(task):
         gymnasium.make(task, robot="xarm6", obstacles=9)
 
 
-@pytest.mark.system
 def test_what_an_arm_can_hold_among_obstacles_is_what_touches_none():
     arm = block_push_arm("xarm6", obstacles=2)
     holding, away = PUSHING.holding(arm), np.array([AWAY, AWAY])
@@ -189,7 +185,6 @@ def test_what_an_arm_can_hold_among_obstacles_is_what_touches_none():
     assert np.allclose(holding(away).value_and_gradient(points)[0], free)
 
 
-@pytest.mark.system
 def test_by_a_map_an_arm_can_hold_among_obstacles_what_its_kinematics_say():
     """The map is of configurations near to those with which the arm holds its tool upright: it lacks none."""
     arm, rng, grid = block_push_arm("ur10", obstacles=3), np.random.default_rng(0), Grid.around_base(0.05, 1.4, 0.2)
@@ -216,7 +211,6 @@ def test_by_a_map_an_arm_can_hold_among_obstacles_what_its_kinematics_say():
     assert (both & ~mapped).sum() < 1.6 * lost.sum()  # A margin about them is lost, too.
 
 
-@pytest.mark.system
 def test_reorder_among_is_reorder_where_there_are_none(tmp_path):
     asked = {"policy": "seed42-1", "scale": 0.02, "episodes": 1, "batch_size": 1, "workers": 1}
     rows = [

@@ -157,6 +157,7 @@ def test_a_narrowed_joint_never_leaves_its_range():
     assert info["tracking_error"] > 0.05 and info["joint_limit_margin"] == pytest.approx(0, abs=1e-3)
 
 
+@pytest.mark.system
 def test_where_a_narrowed_arm_can_be_ends_at_its_limit():
     table = table_feasibility(block_push_arm("ur5", narrowed=(1.0, -0.9, 0.2)), 0.1, WORKSPACE, HEIGHT)
     free = table_feasibility(block_push_arm("ur5"), 0.1, WORKSPACE, HEIGHT)

@@ -96,6 +96,7 @@ def storing(folder, first, episodes, **kwargs):
     return subprocess.Popen(command, **kwargs)
 
 
+@pytest.mark.system
 def test_two_processes_do_not_write_over_each_other(tmp_path):
     running = [storing(tmp_path, first, 5, stdout=subprocess.DEVNULL) for first in (0, 100)]
     while any(process.poll() is None for process in running):
@@ -105,6 +106,7 @@ def test_two_processes_do_not_write_over_each_other(tmp_path):
     assert len(read_episodes(tmp_path)) == 10 and len(parts_in(tmp_path)) == 2
 
 
+@pytest.mark.system
 def test_what_was_stored_is_there_after_a_kill(tmp_path):
     process = storing(tmp_path, 0, 10_000, stdout=subprocess.PIPE, text=True)
     said = [int(process.stdout.readline()) for _ in range(5)]

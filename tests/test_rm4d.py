@@ -11,6 +11,8 @@ from richmap.motion.turned_cells import TurnedCells
 from richmap.outputs import FileRefusedError
 from richmap.robots.robots import load_robot
 
+pytestmark = pytest.mark.system
+
 ROBOT = load_robot("iiwa7")
 
 

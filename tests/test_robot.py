@@ -27,6 +27,7 @@ def random_joints(robot, n):
     return np.random.default_rng(1).uniform(robot.lower, robot.upper, (n, len(robot.joints)))
 
 
+@pytest.mark.system
 def test_pytorch_kinematics_and_mujoco_agree_on_the_flange(robot):
     model = arm_spec(robot).compile()
     data = mujoco.MjData(model)

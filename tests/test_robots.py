@@ -34,6 +34,7 @@ def test_a_description_is_the_one_that_maps_were_built_of(name):
     assert load_robot(name).fingerprint.startswith(FINGERPRINTS[name])
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", EIGHT)
 def test_mujoco_takes_every_arm_and_moves_it_alike_with_shapes_and_without(name):
     robot = load_robot(name)

@@ -221,6 +221,7 @@ def test_a_link_without_a_volume_is_named(arm):
         assert ("thinner than 0.1 mm, which touch nothing in the simulator: upper." in said) == named
 
 
+@pytest.mark.system
 def test_the_approach_direction_can_be_another_axis(arm):
     text = urdf(fixed("tool", "tool_x", "0 0 0.05", "0 -1.5707963267948966 0"))
     plain = arm(text, "tool_x")

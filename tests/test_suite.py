@@ -200,6 +200,7 @@ def test_direct_closes_nothing_and_what_reaches_the_ceiling_everything():
     assert not found.tied.drop("direct").any()
 
 
+@pytest.mark.system
 def test_a_ranking_does_not_depend_on_the_order_of_scenes_rows_or_conditions():
     tables, conditions, ceilings = many()
     found = ranking(tables, conditions, ceilings)

@@ -201,6 +201,7 @@ def map_about_ways(arm, scene):
     return ReachabilityMap.from_rows(grid, grid.cells_of(positions), rotations[:, :, 2], joints, limits, settings)
 
 
+@pytest.mark.system
 def test_a_map_tells_the_ways_on_which_the_twin_touches_something(ur10):
     twin, free, touching = KinematicTwin(ur10), [], []
     for scene in map(draw_scene, range(50_000, 50_006)):

@@ -1,6 +1,7 @@
 """The door of every command: settings from the command line through Hydra, one line for what is wrong with them."""
 
 import errno
+import logging
 import os
 import signal
 import sys
@@ -77,6 +78,7 @@ def run_command[Config](
         signal.signal(signal.SIGINT, _raising(KeyboardInterrupt))
     signal.signal(signal.SIGTERM, _raising(_Terminated))
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises instead of printing.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # It says where its cache is if the home is read-only.
     spec = sys.modules["__main__"].__spec__
     module = spec.name if spec and main.__module__ == "__main__" else f"benchmark.{name}"
     with _one_line_for_errors([GONE_ON] * goes_on):

@@ -139,7 +139,8 @@ def _readable(override: str, key: str, value: str, kind: type, sweeps: bool) -> 
         raise SettingError(f"{key} cannot be read: it is a number of {len(value):,} digits.") from error
     head = override[: len(override) - len(value)]
     if kind is list:
-        return f"{head}[{','.join(map(quoted, value[1:-1].split(',')))}]"
+        items = re.findall(r"""\s*("[^"]*"|'[^']*'|[^,]*?)\s*,""", value[1:-1] + ",")  # In quotes may be commas.
+        return f"{head}[{','.join(item if item[:1] in ('"', "'") else quoted(item) for item in items)}]"
     return head + ",".join(map(quoted, value.split(",") if sweeps and "[" not in value else [value]))
 
 

@@ -5,6 +5,7 @@ import inspect
 import re
 import textwrap
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from functools import cache
 from typing import Any, get_args, get_origin
 
 from omegaconf import OmegaConf
@@ -76,6 +77,7 @@ def as_typed(schema: type) -> dict[str, Any]:
     return {TYPED_NAME.get(str(key), str(key)): value for key, value in plain.items()}
 
 
+@cache
 def _docstrings(schema: type) -> dict[str, str]:
     """The text below each field, of the schema and of those that it extends."""
     texts = {}
