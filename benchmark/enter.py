@@ -276,7 +276,7 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     tables = play_and_store(rollouts, run, console, entry.about.name)
     scales = [*{rollout.condition.guidance_scale for rollout in rollouts}]
     for row in () if run.suite else (by_condition(table, rollouts[0].task).iloc[0] for table in tables):
-        scores = ", ".join(f"{name} {with_interval(row, name)}" for name in rollouts[0].task.score_names)
+        scores = ", ".join(f"{name} {with_interval(row, name)}" for name in rollouts[0].task.ranking[:1])
         named = f"{row.robot}, {row.setting}, {row.checkpoint}" + (f", scale {row['lambda']:g}" if scales[1:] else "")
         console.print(f"{named}, n = {row.n}: {scores}", soft_wrap=True)
     made = pd.concat(tables)

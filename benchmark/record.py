@@ -106,7 +106,7 @@ def _draw(rollout: "Rollout", seed: int, config: RecordConfig, console: "Console
     file = Path(config.output_dir) / name
     outcome = record(rollout, seed, file, _caption).outcome
     scores = ", ".join(f"{name} {getattr(outcome, name)}" for name in rollout.task.score_names)
-    console.print(f"{file}: {_how(outcome)}, {scores}, {outcome.length} steps", soft_wrap=True)
+    console.print(f"{file}\n  {_how(outcome)}, {scores}, {outcome.length} steps", soft_wrap=True)
 
 
 def _caption(episode: "Episode") -> str:
@@ -143,7 +143,7 @@ def _draw_demonstration(config: RecordConfig, console: "Console") -> None:
     file = Path(config.output_dir) / f"{SOURCE}-{config.task}-demonstration-{seed}.webp"
     how = "succeeded" if episode.successes[-1] else "failed"
     write_film(file, frames[episode.attempts][::2], 10, f"{SOURCE}, demonstration, seed {seed}, {kind}: {how}")
-    console.print(f"{file}: {how}, {len(episode.actions)} steps", soft_wrap=True)
+    console.print(f"{file}\n  {how}, {len(episode.actions)} steps", soft_wrap=True)
 
 
 if __name__ == "__main__":

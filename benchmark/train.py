@@ -6,20 +6,16 @@ LeRobot's data loader takes milliseconds per sample, more than the network; ever
 policy and its presets, the update, the checkpoint. `lerobot-train` does the same, sample by sample.
 """
 
-from typing import TYPE_CHECKING
-
 from benchmark.settings.command import run_command
 from benchmark.training.collection import collect
-from benchmark.training.trainer import TrainConfig, train
-
-if TYPE_CHECKING:
-    pass
+from benchmark.training.trainer import TrainConfig, check_free, train
 
 
 def main(config: TrainConfig) -> None:
     """Train, and say where the checkpoints are."""
     from richmap.progress import progress_bar
 
+    check_free(config)
     collect(config.demonstrations)
     with progress_bar() as progress:
         task = progress.add_task("Training", total=config.steps)

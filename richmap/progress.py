@@ -30,6 +30,7 @@ class SpokenProgress(Progress):
         super().__init__(*columns, **settings)
         self._speaks = not (self.console.is_terminal or self.console.is_jupyter)
         self.disable = self._speaks
+        self.live.auto_refresh = not self._speaks  # `track` then counts by itself, not by a thread that draws.
         self._said = monotonic()
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
@@ -48,7 +49,8 @@ class SpokenProgress(Progress):
     def _say_now_and_then(self, task: Task) -> None:
         if self._speaks and monotonic() - self._said >= SAY_EVERY:
             self._said, left = monotonic(), task.time_remaining
-            self._say(task, "" if left is None else f", about {max(1, round(left / 60))} min left")
+            said = "" if left is None or task.finished else f", about {max(1, round(left / 60))} min left"
+            self._say(task, said)
 
     def _say(self, task: Task, time: str) -> None:
         texts = [column(task) for column in self.columns if isinstance(column, (TextColumn, MofNCompleteColumn))]

@@ -194,6 +194,8 @@ def test_an_argument_that_there_is_not_is_refused_by_its_name(name):
         ({"scene": scene_with(block2=np.array([0.3, 7.0, 0.0]))}, "block2 lies within 3.0 m of the origin"),
         ({"scene": scene_with(effector=np.array([1.0, 0.0]))}, "effector lies within"),
         ({"scene": scene_with(mode=4)}, "mode is a whole number from 0 to 3. Got 4"),
+        ({"scene": scene_with(mode=np.array([1, 2]))}, "mode is a whole number from 0 to 3. Got array"),
+        ({"scene": scene_with(block=np.array([0.3, 0.0, 1e300]))}, "block is turned by at most 1000 rad"),
     ],
 )
 def test_options_that_cannot_be_are_refused_and_change_nothing(env, options, said):

@@ -433,6 +433,9 @@ def test_the_hash_is_of_names_and_contents_and_of_nothing_that_python_leaves(tmp
     (entry / "__pycache__").mkdir()
     (entry / "__pycache__" / "guidance.pyc").write_bytes(b"0")
     assert Entry.load(entry).files_hash == first
+    said = entry / "entry.yaml"
+    said.write_text(f"# A line that says nothing.\n{said.read_text()}")
+    assert Entry.load(entry).files_hash == Entry.load(entry).at(0.123).files_hash == first
     (entry / "guidance.py").rename(entry / "renamed.py")
     assert Entry.load(entry).files_hash != first
 

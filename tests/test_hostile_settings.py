@@ -94,6 +94,8 @@ def test_what_is_no_regular_file_is_never_replaced(make, tmp_path):
     make(there)
     with pytest.raises(SettingError, match="no regular file"):
         check_file(str(there))
+    with pytest.raises(SettingError, match="no regular file"):
+        check_file(f"{tmp_path}/nothing/../there")
     with pytest.raises(FileExistsError), replacing(there):
         pytest.fail("it was to be replaced")
     assert os.listdir(tmp_path) == ["there"] and not there.is_file()

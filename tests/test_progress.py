@@ -1,3 +1,4 @@
+import time
 from io import StringIO
 
 import pytest
@@ -31,3 +32,11 @@ def test_no_line_is_cut_where_no_bar_can_move():
     with progress.progress_bar(Console(file=said, width=80)) as bar:
         bar.add_task(f"Map of {name}, built for the first time, with a word or two more", total=1)
     assert name in said.getvalue() and len(said.getvalue().splitlines()) == 1
+
+
+def test_what_is_tracked_is_counted_where_no_bar_can_move():
+    said = StringIO()
+    with progress.progress_bar(Console(file=said, width=80)) as bar:
+        for _ in bar.track(range(3), description="Replays"):
+            time.sleep(0.15)  # Longer than a bar takes to be drawn anew.
+    assert said.getvalue() == "Replays 3/3, 0:00:00 used\n"

@@ -182,6 +182,9 @@ def test_a_damaged_part_is_refused_in_a_line(tmp_path, named):
         ("robot", ["ur3", "\x1b[31m"], r"robot holds '\\x1b\[31m'"),
         ("task", [3, 3], "task holds int64, not texts"),
         ("p2", ["yes"] * 2, "p2 holds string, not true or false"),
+        ("setting", ["embodiee"] * 2, "setting holds 'embodiee'. Settings: original, embodied, best"),
+        ("posture", [[[0.1]]] * 2, "posture holds list.*, not lists of numbers"),
+        ("posture", [["x"]] * 2, "posture holds list.*, not lists of numbers"),
         ("p2", None, "lacks p2"),
     ],
 )
@@ -191,6 +194,13 @@ def test_a_column_that_no_rollout_stores_is_refused(tmp_path, name, values, line
     table.to_parquet(tmp_path / "theirs.parquet")
     with pytest.raises(SettingError, match=line):
         read_present(tmp_path / "theirs.parquet", BLOCK_PUSH)
+
+
+def test_a_part_that_lacks_a_column_is_refused_beside_one_that_has_it(tmp_path):
+    table = read_tables(store_episodes(tmp_path, [episode(0)]))
+    table.drop(columns="p2").assign(episode_seed=1).to_parquet(tmp_path / "episodes" / "theirs.parquet")
+    with pytest.raises(SettingError, match="a part lacks p2"):
+        read_present(tmp_path, BLOCK_PUSH)
 
 
 def test_a_part_that_is_no_file_or_unpacks_to_more_than_memory_is_refused(tmp_path):

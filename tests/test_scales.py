@@ -114,6 +114,15 @@ def test_a_sweep_ends_where_the_policy_collapses_and_all_points_share_their_epis
         assert min(image.shape) > 200 and image.std() > 5  # no blank page
 
 
+def test_scales_that_are_asked_for_are_all_tried(simulated, tmp_path, capsys):
+    scales.main(settings(tmp_path, methods=["towards"], scale=[0.8, 0.05, 0.2]))
+    table = read_methods(tmp_path / "robust" / "ur3-embodied", BLOCK_PUSH, range(50_000, 60_000))
+    assert sorted(table[table.method == "towards"]["lambda"].unique()) == [0.05, 0.2, 0.8]
+    assert "direct transfer and 1 method)" in " ".join(capsys.readouterr().out.split())
+    said = (tmp_path / "robust" / "ur3-embodied" / "scales.md").read_text()
+    assert "`towards`: λ is" in said and "`away`" not in said
+
+
 def test_what_is_stored_is_not_run_again(simulated, tmp_path):
     scales.main(settings(tmp_path, methods=["towards"], points=2))
     before = list(simulated)

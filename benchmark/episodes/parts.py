@@ -34,12 +34,18 @@ MOST_ROWS = 1_000_000
 MOST_BYTES = 1 << 30
 """Of a part's pages when they are unpacked."""
 
+
+def _is_number(kind: pa.DataType) -> bool:
+    """Or null, of which lists are that hold none."""
+    return pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_null(kind)
+
+
 HOLDS: dict[type, tuple[str, Callable[[pa.DataType], bool]]] = {
     int: ("whole numbers", pa.types.is_integer),
     float: ("numbers", lambda kind: kind in (pa.float32(), pa.float64()) or pa.types.is_integer(kind)),
     bool: ("true or false", pa.types.is_boolean),
     str: ("texts", lambda kind: pa.types.is_string(kind) or pa.types.is_large_string(kind)),
-    tuple: ("lists of numbers", pa.types.is_list),
+    tuple: ("lists of numbers", lambda kind: pa.types.is_list(kind) and _is_number(kind.value_type)),
 }
 """What a column of each of our types holds, and which of Arrow's types hold that."""
 
@@ -154,6 +160,7 @@ def read_part(file: Path, columns: Sequence[str] | None = None) -> pa.Table:
             there = columns and [name for name in columns if name in part.schema_arrow.names]
             table = _in_full(file, part.read(there))
             check_columns(file, table, column_types(Condition))
+            table[:0].to_pandas()  # By what pandas has written of the columns, which can be damaged as well.
             return table
     except (FileNotFoundError, SettingError):
         raise

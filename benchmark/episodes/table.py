@@ -11,6 +11,7 @@ from benchmark.episodes.arm import ARM, SINCE, alike
 from benchmark.episodes.episode import CONDITION, IDENTITY, Condition, Episode, as_frame, column_types
 from benchmark.episodes.parts import check_columns, of_task, parts_below, parts_in, read_part, to_frame, write_part
 from benchmark.settings.command import SettingError
+from richmap.robots import SETTINGS
 
 if TYPE_CHECKING:
     from envs.task import Task
@@ -40,12 +41,16 @@ def read_present(path: Path, task: "Task", each_once: bool = True) -> pd.DataFra
 
     def present(rows: pa.Table) -> pa.Table:
         nonlocal others
-        rows = of_task(rows, task.name)
-        if not {"setting", "episode_version"} <= {*rows.column_names}:
-            return rows
-        played = rows["setting"].to_pandas().map(task.episode_version)
-        kept = rows.filter(pa.array((rows["episode_version"].to_pandas() == played).to_numpy()))
-        others += len(rows) - len(kept)
+        kept = rows = of_task(rows, task.name)
+        if {"setting", "episode_version"} <= {*rows.column_names}:
+            settings = rows["setting"].to_pandas()
+            if strange := {*settings} - {*SETTINGS}:
+                raise SettingError(f"{path}: setting holds {strange.pop()!r}. Settings: {', '.join(SETTINGS)}.")
+            played = settings.map(task.episode_version)
+            kept = rows.filter(pa.array((rows["episode_version"].to_pandas() == played).to_numpy()))
+            others += len(rows) - len(kept)
+        if len(kept) and (missing := types.keys() - SINCE.keys() - {*kept.column_names}):
+            raise SettingError(f"{path} is no table of {task.name}: a part lacks {', '.join(sorted(missing))}.")
         check_columns(path, kept, types)
         for score in {each.name for each in task.scores} & {*kept.column_names}:
             values = kept[score].to_numpy()
@@ -54,8 +59,6 @@ def read_present(path: Path, task: "Task", each_once: bool = True) -> pd.DataFra
         return kept
 
     table = _read(lambda: parts_below(path), keep=present, each_once=each_once)
-    if len(table) and (missing := types.keys() - SINCE.keys() - {*table}):
-        raise SettingError(f"{path} is no table of {task.name}: it lacks {', '.join(sorted(missing))}.")
     if others:
         print(f"Episodes of other versions of {task.name} than the present one are left out of {path}: {others:,}.")
     return table

@@ -1,10 +1,11 @@
 """Somebody else's entry: a folder with a policy, a guidance class or both, and what has to be known of them."""
 
 import hashlib
+import json
 import os
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -130,7 +131,8 @@ class Entry:
 
     @cached_property
     def files_hash(self) -> str:
-        """SHA-256 over the names and contents of its files, but for hidden ones and Python's own.
+        """SHA-256 over the names and contents of its files, but for hidden ones and Python's own; of `entry.yaml` over
+        what it says, without the scale, which a row has beside it.
 
         Raises:
             SettingError: If one is a link, whose target could change unseen.
@@ -145,7 +147,10 @@ class Entry:
             if path.is_file():
                 if (size := path.stat().st_size) > LARGEST:
                     raise SettingError(f"{path} has {size / 1e9:.0f} GB. Allowed: {LARGEST / 1e9:.1f} GB.")
-                digest.update(os.fsencode(name.as_posix()) + f"\0{size}\0".encode() + path.read_bytes())
+                content = path.read_bytes()
+                if name == Path("entry.yaml"):
+                    content = json.dumps({**asdict(self.about), "scale": None}, sort_keys=True).encode()
+                digest.update(os.fsencode(name.as_posix()) + f"\0{len(content)}\0".encode() + content)
         return digest.hexdigest()
 
     def checkpoints(self, seeds: list[int], task: str, ranks: Iterable[int] = (1,)) -> list[Path]:

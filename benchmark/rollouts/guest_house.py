@@ -8,6 +8,7 @@ import contextlib
 import ctypes
 import json
 import os
+import re
 import resource
 import select
 import signal
@@ -19,6 +20,8 @@ TICK, LOOK_AROUND = 0.05, 1.0
 """How often the memory of the class's process is looked at, and that of those that it started, in [s]."""
 MOST_PROCESSES = 64
 """That a class may start."""
+CONTROL = re.compile(rb"\xc2[\x80-\x9f]|[\x00-\x08\x0b-\x1f\x7f]")
+"""What a terminal takes for commands; left out of what a class prints."""
 MOST_PRINTED = 100_000
 """Of what a class prints, in bytes: what comes after that is thrown away."""
 PR_SET_PDEATHSIG, PR_SET_DUMPABLE, PR_SET_CHILD_SUBREAPER, PR_SET_NO_NEW_PRIVS = 1, 4, 36, 38  # Of linux/prctl.h.
@@ -119,7 +122,7 @@ def _watch(guest: int, gigabytes: float, heard: int) -> str:
             if not text:
                 ends.remove(heard)
             with contextlib.suppress(OSError):  # Nobody reads it any more.
-                os.write(2, text[:left])
+                os.write(2, CONTROL.sub(b"", text[:left]))
             left = max(0, left - len(text))
         if ended:
             code = os.waitstatus_to_exitcode(status)

@@ -1,6 +1,7 @@
 """Figures of guidance: what each method asks for over the table, and success against its scale."""
 
 import math
+import textwrap
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
@@ -39,7 +40,10 @@ def draw_success(table: "pd.DataFrame", task: "Task") -> "Figure":
     for ax, rows in zip(panels, curves, strict=True):
         ax.axhspan(100 * direct[f"{name}_low"], 100 * direct[f"{name}_high"], color="0.9")
         ax.axhline(100 * direct[name], color="0.5", linewidth=1, label="direct transfer")
-        ax.fill_between(rows["lambda"], 100 * rows[f"{name}_low"], 100 * rows[f"{name}_high"], alpha=0.25)
+        low, high = 100 * rows[f"{name}_low"], 100 * rows[f"{name}_high"]
+        ax.fill_between(rows["lambda"], low, high, alpha=0.25)
+        if len(rows) == 1:  # Between one point and itself nothing is filled.
+            ax.vlines(rows["lambda"], low, high, alpha=0.5)
         ax.plot(rows["lambda"], 100 * rows[name], ".-", label="with guidance")
         chosen = rows[rows.chosen]
         ax.plot(chosen["lambda"], 100 * chosen[name], "*", color="black", markersize=9, label="chosen")
@@ -49,7 +53,8 @@ def draw_success(table: "pd.DataFrame", task: "Task") -> "Figure":
     for ax in panels[::PANELS]:
         ax.set_ylabel(f"{name} [%]")
     figure.supxlabel("scale λ, in each method's own unit")
-    figure.suptitle(f"{direct.robot}, {direct.setting}: {_text_of(task, name)}, n = {direct.n} a point")
+    title = f"{direct.robot}, {direct.setting}: {_text_of(task, name)}, n = {direct.n} a point"
+    figure.suptitle(textwrap.fill(title, 26 * min(PANELS, len(curves))), fontsize="medium")
     panels[0].legend(fontsize="x-small", loc="lower left")
     return figure
 

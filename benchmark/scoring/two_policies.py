@@ -70,7 +70,7 @@ def comparison_text(pairs: "pd.DataFrame", names: tuple[str, str], alpha: float 
     from benchmark.scoring.statistics import LEVEL, paired_difference, paired_p_value, rate_interval
 
     bound = f", with {100 * LEVEL:g} % intervals" if alpha is None else ""
-    lines = [f"{len(pairs)} pairs. Success in percent{bound}:"]
+    lines = [f"{number_of('pair', len(pairs))}. Success in percent{bound}:"]
     for letter, name in zip("ab", names, strict=True):
         success = pairs[letter].to_numpy(float)
         low, high = rate_interval(success)

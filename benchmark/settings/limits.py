@@ -89,7 +89,7 @@ def _check_number(name: str, value: float, of: str) -> None:
     }
     most, cost = limits.get(of + name) or limits.get(name, (math.inf, ""))
     if value > most:
-        raise SettingError(f"{name}={value:g} is not allowed: {cost}. Allowed: up to {most}.")
+        raise SettingError(f"{name}={value} is not allowed: {cost}. Allowed: up to {most}.")
 
 
 def memory() -> float:

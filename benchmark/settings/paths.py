@@ -24,8 +24,8 @@ def check_folder(folder: str, setting: str = "output_dir") -> None:
 
 def check_file(file: str, setting: str = "output") -> None:
     """Raise `SettingError` unless a file of this name can be written: what is there and is no regular file stays."""
-    path = Path(file)
-    check_setting(bool(file) and bool(path.name), setting, file, "the name of a file")
-    regular = path.is_file() or not (path.exists() or path.is_symlink())
+    check_setting(bool(file) and bool(Path(file).name), setting, file, "the name of a file")
+    path = Path(os.path.realpath(file))  # A folder that is not there may be left again by "..".
+    regular = path.is_file() or not (path.exists() or Path(file).is_symlink())
     check_setting(regular, setting, file, f"a new file, or one to replace; {file} is there, and no regular file")
     check_folder(str(path.parent), setting)

@@ -20,6 +20,7 @@ from benchmark.settings.robot_config import ArmConfig, RobotConfig, robot_field
 from benchmark.settings.task import chosen_task
 from policies.method import MOST_SAMPLES
 from policies.methods import GUIDED, METHODS, SWEPT
+from richmap.progress import number_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -170,9 +171,10 @@ def budget(config: ScalesConfig, methods: list[Swept]) -> str:
     episodes = points * len(config.seeds) * config.episodes
     hours = episodes * EPISODE_SECONDS / config.workers / 3600
     return (
-        f"At most {points} points (direct transfer and {len(config.methods)} methods) x {len(config.seeds)} "
-        f"checkpoints x {config.episodes} episodes = {episodes} episodes; at about {EPISODE_SECONDS:g} s each on "
-        f"{config.workers} workers {hours:.1f} hours. Stored ones are kept; a method ends where it collapses."
+        f"At most {points} points (direct transfer and {number_of('method', len(config.methods))}) x "
+        f"{len(config.seeds)} checkpoints x {config.episodes} episodes = {episodes} episodes; at about "
+        f"{EPISODE_SECONDS:g} s each on {config.workers} workers {hours:.1f} hours. Stored ones are kept"
+        + ("." if config.scale else "; a method ends where it collapses.")
     )
 
 
@@ -188,7 +190,8 @@ def guided(direct: "Rollout", by: Swept, scale: float) -> "Rollout":
 
 
 def sweep(config: ScalesConfig, direct: "list[Rollout]", methods: list[Swept], console: "Console") -> "pd.DataFrame":
-    """Direct transfer and then level by level the next scale of every method that has not collapsed.
+    """Direct transfer and then level by level the next scale of every method that has not collapsed; scales that were
+    asked for are tried whatever comes out.
 
     Returns:
         These episodes of all methods in the arm's folder, as far as this version of the code produced them.
@@ -196,13 +199,15 @@ def sweep(config: ScalesConfig, direct: "list[Rollout]", methods: list[Swept], c
     reference = run_points({"direct": direct}, config, "Direct transfer", console)["direct"]
     going, levels = methods, max(len(method.scales) for method in methods)
     for level in range(levels):
+        going = [method for method in going if level < len(method.scales)]
+        if not going:
+            break
         points = {
-            method.name: [guided(rollout, method, method.scales[level]) for rollout in direct]
-            for method in going
-            if level < len(method.scales)
+            method.name: [guided(rollout, method, method.scales[level]) for rollout in direct] for method in going
         }
         rates = run_points(points, config, f"Scale {level + 1} of at most {levels}", console)
-        going = [method for method in going if rates.get(method.name, 0) >= COLLAPSE * reference]
+        if not config.scale:
+            going = [method for method in going if rates[method.name] >= COLLAPSE * reference]
     return read_methods(config.folder, direct[0].task, episode_seeds(config))
 
 
@@ -275,10 +280,11 @@ def shown(table: "pd.DataFrame", task: "Task") -> "pd.DataFrame":
 TEXT = """# The scale of each method of guidance
 
 Validation episodes, the same for all; percent, with 95 % intervals for other trainings and other episodes, and paired
-differences to direct transfer in points. Made by `python -m benchmark.scales robot=…`. Each method's λ was doubled
-until its {score} fell below half of direct transfer's, or as often as was asked (nine scales by default; methods that
-choose among samples end at {most} of them); the chosen one has the best {score}, of equal ones it is the smallest.
-Being the best of several on these episodes, its {score} here is too high: final figures come from other episodes.
+differences to direct transfer in points. Made by `python -m benchmark.scales robot=…`. Unless scales were given, each
+method's λ was doubled until its {score} fell below half of direct transfer's, or as often as was asked (nine scales by
+default; methods that choose among samples end at {most} of them). The chosen one has the best {score}, of equal ones it
+is the smallest. Being the best of several on these episodes, its {score} here is too high: final figures come from
+other episodes.
 
 {units}"""
 
@@ -288,7 +294,7 @@ def markdown(table: "pd.DataFrame", task: "Task", methods: Sequence[Swept] = ())
     from benchmark.episodes.arm import base_text, branch_text, setting_text
 
     own = {method.name: method.unit for method in methods if method.guidance}
-    units = {name: METHODS[name].scale for name in GUIDED} | own
+    units = {name: METHODS[name].scale for name in GUIDED if name in {*table.method}} | own
     said = "\n".join(f"- `{name}`: λ is {unit}." for name, unit in units.items())
     parts = [TEXT.format(most=MOST_SAMPLES, units=said, score=task.ranking[0])]
     for arm, group in table.groupby(CHOSEN_FOR, sort=True):

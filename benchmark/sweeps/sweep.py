@@ -10,7 +10,7 @@ import shutil
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -31,6 +31,8 @@ from richmap.outputs import missing_folders, remove_empty
 if TYPE_CHECKING:
     from envs.task import Task
 
+MOST_JOBS = 10_000
+"""Of a sweep: its folders and bookkeeping alone take seconds a job."""
 MOST_FAILED = 20
 """How many failed jobs are said one by one."""
 
@@ -62,12 +64,21 @@ class SweepStart(Callback):
 
 
 def count_jobs(config: DictConfig) -> int:
-    """How many combinations a sweep has."""
+    """How many combinations a sweep has.
+
+    Raises:
+        SettingError: If they are too many.
+    """
     parser = OverridesParser.create(config_loader=GlobalHydra.instance().config_loader())
     params = [f"{key}={value}" for key, value in (config.hydra.sweeper.params or {}).items()]
     overrides = parser.parse_overrides([*params, *config.hydra.overrides.task])
     last = {override.key_or_group: override for override in overrides}.values()
-    return math.prod(len([*o.sweep_string_iterator()]) for o in last if o.is_sweep_override())
+    jobs = math.prod(
+        sum(1 for _ in islice(o.sweep_string_iterator(), MOST_JOBS + 1)) for o in last if o.is_sweep_override()
+    )
+    if jobs > MOST_JOBS:
+        raise SettingError(f"The sweep has more than {MOST_JOBS:,} combinations. Give it fewer values.")
+    return jobs
 
 
 @contextmanager

@@ -85,6 +85,13 @@ class TrainConfig:
         return Path(self.output_dir) / f".seed{self.seed}-{digest(recipe)}"
 
 
+def check_free(config: TrainConfig) -> None:
+    """Raise `SettingError` if a checkpoint is there already, unless a training of it goes on."""
+    for path in [] if config.states.exists() else config.checkpoints.values():
+        if path.exists():
+            raise SettingError(f"{path} exists. Delete it or choose another output_dir.")
+
+
 def train(config: TrainConfig, report: Callable[[int, float], None] = lambda step, loss: None) -> list[Path]:
     """Trains a policy, demonstrations included, and gives the folders of its checkpoints, the last one last.
 
@@ -99,9 +106,7 @@ def train(config: TrainConfig, report: Callable[[int, float], None] = lambda ste
     """
     paths = list(config.checkpoints.values())
     with alone(paths[-1]):
-        for path in paths if not config.states.exists() else []:
-            if path.exists():
-                raise SettingError(f"{path} exists. Delete it or choose another output_dir.")
+        check_free(config)
         _train(config, collect(config.demonstrations), report)
     return paths
 

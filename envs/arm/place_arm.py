@@ -62,6 +62,8 @@ def place_arm(
     Raises:
         ValueError: If there is no such robot or setting, or the arm cannot do the task so.
     """
+    if not isinstance(self_collision, bool | None):
+        raise ValueError(f"self_collision must be True or False. Got {self_collision!r}")
     _check_numbers(base, yaw, orientation_weight, tool_length, delay, obstacles)
     description, file = _description_and_file(robot)
     given = {
@@ -101,7 +103,10 @@ def arm_or_named(arm: PlacedArm | None, robot: str, poses: TaskPoses, choices: M
     """
     known = [*signature(place_arm).parameters][2:]
     if unknown := [*choices.keys() - {*known}]:
-        raise ValueError(f"There is no argument {', '.join(sorted(unknown))}. Choices of an arm: {', '.join(known)}")
+        raise ValueError(
+            f"There is no argument {', '.join(sorted(unknown))}. Choices of an arm: {', '.join(known)}. Beside "
+            "these an environment has render_mode, obs_type, and the widths and heights of its pictures."
+        )
     if arm is not None and choices:
         raise ValueError(
             f"{', '.join(choices)} goes with robot=, and an arm= stands as it stands. Give one of the two."

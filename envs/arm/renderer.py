@@ -61,7 +61,13 @@ class Renderer:
     def draw(self, data: mujoco.MjData, width: int, height: int) -> UInt8[np.ndarray, "height width 3"]:
         """What the front camera sees, in at most the size that the renderer was made for."""
         _check_process()
-        self._context.make_current()
+        try:
+            self._context.make_current()
+        except Exception as error:  # OpenGL's own.
+            raise DrawingError(
+                "An environment is drawn in one thread, that of its first picture; in this one EGL failed "
+                f"({short(error)})."
+            ) from error
         view = mujoco.MjrRect(0, 0, width, height)
         every = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(self._model, data, self._option, None, self._camera, every, self._scene)

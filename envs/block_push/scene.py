@@ -19,6 +19,8 @@ BLOCK_DIAGONAL = 0.057
 """Blocks farther apart than this cannot overlap, in [m]."""
 FLOOR = 3.0
 """The floor ends this far from the origin along x and y, in [m]."""
+MOST_YAW = 1000.0
+"""Beyond it an angle in [rad] is a slip."""
 MODES = 4
 """Plans of the scripted oracle."""
 START_MARGIN = 0.2
@@ -63,10 +65,12 @@ def checked_scene(scene: Any, obstacles: int = 0) -> Scene:
             raise ValueError(f"The scene's {name} is {length} finite numbers. Got {given!r}")
         if np.abs(placed[name][:2]).max() > FLOOR:
             raise ValueError(f"The scene's {name} lies within {FLOOR} m of the origin along x and y. Got {given!r}")
+        if np.abs(placed[name][2:]).max(initial=0) > MOST_YAW:
+            raise ValueError(f"The scene's {name} is turned by at most {MOST_YAW:g} rad. Got {given!r}")
     low, high = WORKSPACE[0] - START_MARGIN, WORKSPACE[1] + START_MARGIN
     if (placed["effector"] < low).any() or (placed["effector"] > high).any():
         raise ValueError(f"The scene's effector lies within {low} and {high}, in m. Got {scene.effector!r}")
-    if scene.mode not in range(MODES):
+    if not isinstance(scene.mode, int | np.integer) or scene.mode not in range(MODES):
         raise ValueError(f"The scene's mode is a whole number from 0 to {MODES - 1}. Got {scene.mode!r}")
     return replace(scene, obstacles=checked_places(scene.obstacles, obstacles), **placed)
 
