@@ -144,7 +144,12 @@ def test_it_cannot_change_the_folder_of_its_rows(tmp_path):
 
 
 def test_what_it_prints_is_shown_up_to_a_limit(tmp_path, capfd):
-    of = stranger(tmp_path, r"print('\x1b]0;title\x07\x9bonce')", "while True: os.write(1 + self.begun % 2, bytes(65536))", seconds=3.0)
+    of = stranger(
+        tmp_path,
+        r"print('\x1b]0;title\x07\x9bonce')",
+        "while True: os.write(1 + self.begun % 2, bytes(65536))",
+        seconds=3.0,
+    )
     with pytest.raises(SettingError, match="gave no answer: it has 3 s"):
         of.make(1.0, None, (0.0, 0.0), 0).correct(CHUNK, STATE)
     printed = capfd.readouterr()

@@ -131,7 +131,7 @@ Made by `python -m benchmark.studies.arms`. `robot=<name>` takes each of them in
 {spacing} m at the flange's height of {height} m) over which the arm holds its tool upright, in the best branch that is
 found there, within its joint limits, free of self-collision and above the table; from the common base, and from the
 best of {places} places (x {x0:g} to {x1:g} m, y {y0:g} to {y1:g} m, z {z0:g} to {z1:g} m), of equal ones the nearest
-to the common base. *None*: it cannot hold its tool over the start; *?*: it was not computed. A base above the table
+to the common base. *None*: it cannot hold its tool over the start{unknown}. A base above the table
 stands on a pedestal. This is coarse, and says which arms are worth a closer look
 (`python -m benchmark.studies.place_bases robots=[...]`); it is no score.
 
@@ -173,6 +173,7 @@ def markdown(rows: "pd.DataFrame") -> str:
         )
     (x0, y0, z0), (x1, y1, z1) = np.min(PLACES, axis=0), np.max(PLACES, axis=0)
     return TEXT.format(
+        unknown="; *?*: it was not computed" if any(line["best place"] == "?" for line in lines) else "",
         poses=len(POSES.points()), spacing=POSES.spacing, height=POSES.start[2], places=len({*PLACES}), x0=x0, x1=x1,
         y0=y0, y1=y1, z0=z0, z1=z1, table=pd.DataFrame(lines).to_markdown(index=False, disable_numparse=True),
     )  # fmt: skip
