@@ -72,7 +72,7 @@ def test_a_table_of_other_columns_is_not_published(tmp_path):
     for part in (tmp_path / "episodes").iterdir():
         part.unlink()
     write_part(tmp_path, table.drop(columns=["slot", "p1"]))
-    with pytest.raises(SettingError, match="is no table of block_push: it lacks p1, slot"):
+    with pytest.raises(SettingError, match="is no table of block_push: a part lacks p1, slot"):
         read_checked(tmp_path, BLOCK_PUSH)
 
 

@@ -41,6 +41,8 @@ from richmap.geometry.grid import Grid
 from richmap.maps.reachability_map import Construction, ReachabilityMap
 from richmap.motion.kinematics import flange_frames
 
+pytestmark = pytest.mark.system
+
 AWAY = np.array([2.5, 2.5, 0.1, 0.0])
 
 
@@ -133,8 +135,6 @@ def test_what_is_imagined_on_an_arm_is_imagined_among_them():
 
 THEIRS = """
 from policies.guidance import Guidance
-
-pytestmark = pytest.mark.system
 
 class Theirs(Guidance):
     def __init__(self, field, scale, base, seed):

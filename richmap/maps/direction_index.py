@@ -77,7 +77,7 @@ class DirectionIndex:
             raise ValueError(
                 f"A cell holds {count.max()} directions; the index takes up to 65535. Take a larger theta."
             )
-        directions, cells = read_only(directions), np.flatnonzero(count)
+        directions, cells = read_only(directions[: start[-1]]), np.flatnonzero(count)
         slot = np.full(grid.n_cells, EMPTY, dtype=np.int32)
         slot[cells] = np.arange(len(cells), dtype=np.int32)
         first, last = start[cells], start[cells + 1]
