@@ -17,6 +17,8 @@ from envs.block_push.workspace import HEIGHT, POSES, WORKSPACE
 from richmap.motion.closed_form import branches
 from richmap.motion.collision import self_collision
 
+pytestmark = pytest.mark.system
+
 RINGS = {
     ("ur3", "wrist_out"): (0.225, 0.554),
     ("ur3", "wrist_in"): (0.155, 0.387),
@@ -56,7 +58,6 @@ def closed_form_feasible(setting, table):
     return feasible.reshape(table.cause.shape)
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("branch", RINGS)
 def test_it_agrees_with_the_closed_form_solutions(branch):
     table = usual_table(*branch)
@@ -65,7 +66,6 @@ def test_it_agrees_with_the_closed_form_solutions(branch):
     assert (to_edge[different] < 0.006).all()
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("branch", RINGS)
 def test_an_arm_that_turns_freely_reaches_a_ring(branch):
     table, (inner, outer) = usual_table(*branch), RINGS[branch]
@@ -113,7 +113,6 @@ def test_moving_base_and_box_together_changes_nothing():
     assert np.array_equal(here.cause, there.cause)
 
 
-@pytest.mark.system
 @pytest.mark.parametrize(
     "robot, choices",
     [

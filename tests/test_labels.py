@@ -10,6 +10,8 @@ from richmap.motion.reach import reach_ball
 from richmap.outputs import FileRefusedError
 from richmap.robots.robots import load_robot
 
+pytestmark = pytest.mark.system
+
 
 @pytest.fixture
 def own_cache(tmp_path, monkeypatch):
@@ -18,7 +20,6 @@ def own_cache(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.system
 def test_the_papers_set_is_half_reachable_and_the_rest_is_not():
     robot = load_robot("panda")
     made = make_test_set(robot, TEST_SETS["paper"], np.random.default_rng(0), 200)
@@ -34,14 +35,12 @@ def test_the_papers_set_is_half_reachable_and_the_rest_is_not():
     assert (poses.paper_box(robot).cells_of(made.positions) == 0).all()
 
 
-@pytest.mark.system
 def test_poses_of_free_configurations_are_labelled_reachable():
     robot = load_robot("ur3")
     positions, rotations = poses.draw("reachable", robot, np.random.default_rng(1), 150)
     assert np.all(label(robot, positions, rotations, starts=100))
 
 
-@pytest.mark.system
 def test_a_strict_label_holds_in_every_looser_sense():
     robot = load_robot("panda")
     positions, rotations = poses.draw("uniform", robot, np.random.default_rng(2), 150)
@@ -50,7 +49,6 @@ def test_a_strict_label_holds_in_every_looser_sense():
     assert (loose >= strict).all() and (wrist_free >= strict).all() and loose.sum() > strict.sum()
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("name", ["panda", "ur5e"])
 def test_labels_are_those_of_a_search_for_each_sense_alone(name):
     robot = load_robot(name)

@@ -17,6 +17,8 @@ from richmap.geometry.grid import Grid
 from richmap.similarity.directional import DirectionalCoverage
 from richmap.task_spaces.press_buttons import AT, PRESS_BUTTONS_SPACE
 
+pytestmark = pytest.mark.system
+
 STATE, SCENE = "observation.state", "observation.environment_state"
 
 
