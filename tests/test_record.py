@@ -44,7 +44,7 @@ def test_a_demonstration_is_drawn_with_a_caption_under_it(quick_films, tmp_path,
         assert picture.width == 480 and picture.height > 360 and picture.n_frames > 20
         strip = np.asarray(picture.convert("L"))[360:]
     assert strip.max() > 240 and strip.min() < 120
-    assert "block_push-demonstration-0.webp: succeeded" in capsys.readouterr().out
+    assert "block_push-demonstration-0.webp\n  succeeded" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("settings", [{"row": "12345678", "failed": 1}, {"failed": 1, "demonstration": 0}])

@@ -5,7 +5,7 @@ import json
 import os
 import re
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -149,9 +149,15 @@ class Entry:
                     raise SettingError(f"{path} has {size / 1e9:.0f} GB. Allowed: {LARGEST / 1e9:.1f} GB.")
                 content = path.read_bytes()
                 if name == Path("entry.yaml"):
-                    content = json.dumps({**asdict(self.about), "scale": None}, sort_keys=True).encode()
+                    content = json.dumps(self._said, sort_keys=True).encode()
                 digest.update(os.fsencode(name.as_posix()) + f"\0{len(content)}\0".encode() + content)
         return digest.hexdigest()
+
+    @property
+    def _said(self) -> dict[str, object]:
+        """What its `entry.yaml` says that is not the usual, without the scale."""
+        said = [(each.name, getattr(self.about, each.name), each.default) for each in fields(self.about)]
+        return {name: value for name, value, usual in said if name != "scale" and value != usual}
 
     def checkpoints(self, seeds: list[int], task: str, ranks: Iterable[int] = (1,)) -> list[Path]:
         """Folders of its policies: its own, or ours for a task of these training seeds, of each those of these ranks.
