@@ -276,9 +276,9 @@ def evaluate(entry: Entry, rollouts: "Sequence[Rollout]", run: RunConfig, consol
     tables = play_and_store(rollouts, run, console, entry.about.name)
     scales = [*{rollout.condition.guidance_scale for rollout in rollouts}]
     for row in () if run.suite else (by_condition(table, rollouts[0].task).iloc[0] for table in tables):
-        scores = ", ".join(f"{name} {with_interval(row, name)}" for name in rollouts[0].task.ranking[:1])
+        scores = "\n  ".join(f"{name} {with_interval(row, name)}" for name in rollouts[0].task.score_names)
         named = f"{row.robot}, {row.setting}, {row.checkpoint}" + (f", scale {row['lambda']:g}" if scales[1:] else "")
-        console.print(f"{named}, n = {row.n}: {scores}", soft_wrap=True)
+        console.print(f"{named}, n = {row.n}\n  {scores}", soft_wrap=True)
     made = pd.concat(tables)
     some = made.sample(min(ALONE, len(made)), random_state=secrets.randbits(32))  # Nobody knows beforehand which.
     each_alone = ((rollouts[nearest(row, rollouts)[0]], [row["episode_seed"]]) for row in some.to_dict("records"))

@@ -8,6 +8,7 @@ import pickle
 import subprocess
 import sys
 import weakref
+from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import gymnasium
@@ -193,3 +194,10 @@ def test_a_fork_of_a_process_that_has_drawn_says_so_and_does_not_hang(drawn):
     finally:
         workers.close(terminate=True)
     assert drawn.render().any()
+
+
+def test_a_second_thread_is_told_that_it_cannot_draw(drawn):
+    drawn.render()  # In this thread, which its context then belongs to.
+    with ThreadPoolExecutor(1) as pool, pytest.raises(DrawingError, match="An environment is drawn in one thread"):
+        pool.submit(drawn.render).result()
+    assert drawn.render().std() > 0

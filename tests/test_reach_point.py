@@ -115,7 +115,8 @@ def test_rows_replay_alone_to_the_last_bit_an_oracles_too(stored, policies, caps
 def test_an_entry_is_evaluated_and_what_is_sent_with_it_checked(tmp_path, capsys):
     entry, output = write_entry(tmp_path / "entry"), tmp_path / "out"
     enter.main(entered(entry, output))
-    assert re.search(r"ur3, embodied, policy, n = 6: reached \d", capsys.readouterr().out)
+    said = r"ur3, embodied, policy, n = 6\n  closeness .*\n  reached .*\n  came_near .*\n"
+    assert re.search(said, capsys.readouterr().out)
     sent = output / "straight-there"
     enter.main(entered(entry, output, table=str(sent)))
     assert "accepted: 6 rows, of which 6 replay" in " ".join(capsys.readouterr().out.split())

@@ -15,6 +15,7 @@ from lerobot.policies import make_pre_post_processors
 from benchmark.artifacts.alone import alone
 from benchmark.settings.command import SettingError
 from benchmark.settings.config import WandbConfig
+from benchmark.train import main
 from benchmark.training.demonstration import Demonstration
 from benchmark.training.demonstration_dataset import write_dataset
 from benchmark.training.demonstration_recipe import CollectConfig
@@ -172,6 +173,13 @@ def test_a_checkpoint_is_never_overwritten(root, tmp_path):
     (tmp_path / "seed42-1").mkdir()
     with pytest.raises(SettingError, match="seed42-1 exists. Delete it or choose another output_dir"):
         train(config(root, tmp_path))
+
+
+def test_a_checkpoint_that_is_there_is_said_before_anything_is_collected(tmp_path):
+    (tmp_path / "seed42-1").mkdir()
+    with pytest.raises(SettingError, match="seed42-1 exists"):
+        main(config(tmp_path / "demonstrations", tmp_path))
+    assert not (tmp_path / "demonstrations").exists()
 
 
 def test_lerobot_train_finds_the_policy_and_trains_it(root, tmp_path):

@@ -4,11 +4,11 @@ Where the system allows it, the class is off the network, sees and signals no pr
 cannot change the folder of its rows.
 """
 
+import codecs
 import contextlib
 import ctypes
 import json
 import os
-import re
 import resource
 import select
 import signal
@@ -20,8 +20,6 @@ TICK, LOOK_AROUND = 0.05, 1.0
 """How often the memory of the class's process is looked at, and that of those that it started, in [s]."""
 MOST_PROCESSES = 64
 """That a class may start."""
-CONTROL = re.compile(rb"\xc2[\x80-\x9f]|[\x00-\x08\x0b-\x1f\x7f]")
-"""What a terminal takes for commands; left out of what a class prints."""
 MOST_PRINTED = 100_000
 """Of what a class prints, in bytes: what comes after that is thrown away."""
 PR_SET_PDEATHSIG, PR_SET_DUMPABLE, PR_SET_CHILD_SUBREAPER, PR_SET_NO_NEW_PRIVS = 1, 4, 36, 38  # Of linux/prctl.h.
@@ -108,10 +106,12 @@ def _mount(source: Path | None, target: Path, flags: int) -> bool:
 
 
 def _watch(guest: int, gigabytes: float, heard: int) -> str:
-    """How the class's process ended, or why it has to; what it prints is passed on meanwhile, up to `MOST_PRINTED`."""
+    """How the class's process ended, or why it has to; what it prints is passed on meanwhile, up to `MOST_PRINTED`,
+    without what a terminal takes for commands."""
     import psutil
 
     looked, left, ends = 0.0, MOST_PRINTED, [0, heard]
+    decoder = codecs.getincrementaldecoder("utf-8")("replace")  # A character can come in two parts.
     while True:
         ended, status = os.waitpid(guest, os.WNOHANG)
         ready = select.select(ends, [], [], TICK)[0]
@@ -122,7 +122,8 @@ def _watch(guest: int, gigabytes: float, heard: int) -> str:
             if not text:
                 ends.remove(heard)
             with contextlib.suppress(OSError):  # Nobody reads it any more.
-                os.write(2, CONTROL.sub(b"", text[:left]))
+                said = decoder.decode(text[:left])
+                os.write(2, "".join(each for each in said if each.isprintable() or each in "\n\t").encode())
             left = max(0, left - len(text))
         if ended:
             code = os.waitstatus_to_exitcode(status)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from envs.task import Task
 
 MOST_JOBS = 10_000
-"""Of a sweep: its folders and bookkeeping alone take seconds a job."""
+"""Combinations of a sweep; more are a slip."""
 MOST_FAILED = 20
 """How many failed jobs are said one by one."""
 

@@ -8,8 +8,6 @@ from inspect import signature
 from itertools import batched
 from typing import Any
 
-import numpy as np
-
 from envs.arm.found_posture import find_posture
 from envs.arm.placed_arm import ORIENTATION_WEIGHT, TOOL_LENGTH, PlacedArm, rounded_posture
 from envs.arm.task_poses import FOUND, TaskPoses
@@ -64,7 +62,7 @@ def place_arm(
     Raises:
         ValueError: If there is no such robot or setting, or the arm cannot do the task so.
     """
-    if not isinstance(self_collision, bool | np.bool_ | None):
+    if not isinstance(self_collision, bool | None):
         raise ValueError(f"self_collision must be True or False. Got {self_collision!r}")
     _check_numbers(base, yaw, orientation_weight, tool_length, delay, obstacles)
     description, file = _description_and_file(robot)
