@@ -5,7 +5,7 @@ from typing import final
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from policies.arm_controller import ArmController, ArmRows
@@ -14,7 +14,10 @@ from policies.guidance import Guidance
 from policies.setup import Setup
 
 STEPS = 25
-"""Of the descent by which GPC-OPT refines a chunk, as in the paper's experiments."""
+"""Most steps of the descent by which GPC-OPT refines a chunk, as in the paper's experiments."""
+
+ENOUGH = 1e-4
+"""A chunk of which the controller leaves no more is not refined further, in [m]."""
 
 
 class TrackingCost:
@@ -32,35 +35,49 @@ class TrackingCost:
         """Of several chunks for each row; 0 in rows without an episode."""
         b, n = chunks.shape[:2]
         poses = self.path.tool_poses(chunks.flatten(0, 1), state.repeat_interleave(n, 0))
-        missing, turned = self._left(*poses, state)
-        squared = (missing**2).sum((1, 2)) + self.controller.weight**2 * (turned**2).sum((1, 2))
-        return squared.reshape(b, n)
+        return self._cost(*self._left(*poses, state, np.ones(b, dtype=bool))).reshape(b, n)
 
     def slope(
         self, actions: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
     ) -> Float[Tensor, "b t action"]:
         """Of the cost, per unit of each action."""
+        return self.slope_and_cost(actions, state, np.ones(len(actions), dtype=bool))[0]
+
+    def slope_and_cost(
+        self, actions: Float[Tensor, "b t action"], state: Float[Tensor, "b state"], asked: Bool[np.ndarray, " b"]
+    ) -> tuple[Float[Tensor, "b t action"], Float[np.ndarray, " b"]]:
+        """Slope of the cost, per unit of each action, and the cost; 0 in rows that are not asked about."""
+        cost = np.zeros(len(actions))
 
         def slopes(places: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
-            missing, turned = self._left(places, directions, state)
+            missing, turned = self._left(places, directions, state, asked)
+            cost[:] = self._cost(missing, turned)
             return (
                 torch.as_tensor(2 * missing).to(places),
                 torch.as_tensor(2 * self.controller.weight**2 * turned).to(places),
             )
 
-        return self.path.pulled_back(self.path.tool_poses, actions, state, slopes)
+        return self.path.pulled_back(self.path.tool_poses, actions, state, slopes), cost
+
+    def _cost(self, missing: Float[np.ndarray, "m t 3"], turned: Float[np.ndarray, "m t 3"]) -> Float[np.ndarray, " m"]:
+        return (missing**2).sum((1, 2)) + self.controller.weight**2 * (turned**2).sum((1, 2))
 
     def _left(
-        self, places: Float[Tensor, "m t 3"], directions: Float[Tensor, "m t 3"], state: Float[Tensor, "b state"]
+        self,
+        places: Float[Tensor, "m t 3"],
+        directions: Float[Tensor, "m t 3"],
+        state: Float[Tensor, "b state"],
+        asked: Bool[np.ndarray, " b"],
     ) -> tuple[Float[np.ndarray, "m t 3"], Float[np.ndarray, "m t 3"]]:
         """Commanded less reached places, in [m], and directions; chunks of one row stand one after another."""
         commanded = [each.detach().double().cpu().numpy() for each in (places, directions)]
         left = [np.zeros_like(each) for each in commanded]
-        rows, joints = self.rows.at(state)
-        if rows:
+        known = {row: joints for row, joints in zip(*self.rows.at(state), strict=True) if asked[row]}
+        if known:
             n = len(places) // len(state)
-            at = np.concatenate([np.arange(n * row, n * row + n) for row in rows])
-            reached = self.controller.follow(np.repeat(np.stack(joints), n, 0), *(each[at] for each in commanded))
+            at = np.concatenate([np.arange(n * row, n * row + n) for row in known])
+            joints = np.repeat(np.stack([*known.values()]), n, 0)
+            reached = self.controller.follow(joints, *(each[at] for each in commanded))
             for out, told, got in zip(left, commanded, reached, strict=True):
                 out[at] = told[at] - got
         return left[0], left[1]
@@ -119,7 +136,8 @@ class RankByTracking(Guidance):
 class RefineByTracking(Guidance):
     r"""A sampled chunk, refined by its slope through a model (GPC-OPT, arXiv 2502.00622).
 
-    :math:`a \leftarrow a - \lambda \nabla_a L(a)`, so many times (`STEPS`); the model is that of `RankByTracking`.
+    :math:`a \leftarrow a - \lambda \nabla_a L(a)`, until the controller leaves next to nothing, or so many times
+    (`STEPS`); the model is that of `RankByTracking`.
     """
 
     def __init__(self, cost: TrackingCost, scale: float) -> None:
@@ -131,8 +149,14 @@ class RefineByTracking(Guidance):
     def correct(
         self, chunk: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
     ) -> Float[Tensor, "b t action"]:
+        going = np.ones(len(chunk), dtype=bool)
         for _ in range(STEPS):
-            chunk = chunk - self.scale * self.cost.slope(chunk, state)
+            slope, cost = self.cost.slope_and_cost(chunk, state, going)
+            going &= cost > ENOUGH**2
+            if not going.any():
+                break
+            moved = torch.as_tensor(going, device=chunk.device)[:, None, None]
+            chunk = torch.where(moved, chunk - self.scale * slope, chunk)
         return chunk
 
 

@@ -11,7 +11,7 @@ from policies.arm_controller import ArmController
 from policies.flange_path import FlangePath
 from policies.methods import METHODS
 from policies.setup import Setup
-from policies.tracking_methods import TrackingCost
+from policies.tracking_methods import ENOUGH, STEPS, TrackingCost
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 from richmap.task_spaces.press_buttons import PRESS_BUTTONS_SPACE
 
@@ -100,6 +100,27 @@ def test_a_refined_chunk_leaves_less_and_one_within_reach_stays(task):
     assert (before > 0).any() and (after[before > 0] < 0.3 * before[before > 0]).all()
     still = torch.zeros_like(chunks)
     assert torch.equal(guidance.correct(still, state), still)
+
+
+def test_a_descent_ends_in_each_row_where_next_to_nothing_is_left():
+    state, chunks = moment("block_push")
+    asked = []
+
+    class Counted(Sphere):
+        def follow(self, joints, places, directions):
+            asked.append(len(joints))
+            return super().follow(joints, places, directions)
+
+    chunks[0] = 0.0
+    guidance = made("gpc_opt", 0.02, BLOCK_PUSH_SPACE, Counted())
+    guidance.reset(range(3))
+    refined = guidance.correct(chunks, state)
+    assert asked[0] == 3 and asked[-1] < 3 and len(asked) <= STEPS
+    alone = made("gpc_opt", 0.02, BLOCK_PUSH_SPACE, Sphere())
+    for row in range(3):
+        alone.reset([row])
+        torch.testing.assert_close(alone.correct(chunks, state)[row], refined[row])
+    assert (guidance.cost.of(refined[:, None], state)[:, 0] <= ENOUGH**2).any()
 
 
 def test_noisy_chunks_descend_by_the_share_that_is_clean():
