@@ -7,7 +7,7 @@ import pytest
 
 from benchmark.episodes.checked_rows import read_checked
 from benchmark.episodes.parts import write_part
-from benchmark.episodes.table import store_episodes
+from benchmark.episodes.table import read_present, store_episodes
 from benchmark.settings.command import SettingError
 from envs.block_push.task import BLOCK_PUSH
 from tests.made_up_episodes import CONDITION, episode
@@ -29,7 +29,7 @@ def edited(folder, **values):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"score": 7.0}, "score holds 7, and a score is from 0 to 1"),
+        ({"score": 7.0}, "a score of it is not from 0 to 1"),
         ({"score": float("nan")}, "score holds nothing in 1 rows"),
         ({"p2": False}, "p2 and a failure_cause, or neither"),
         ({"failure_cause": "dithering"}, "p2 and a failure_cause, or neither"),
@@ -42,8 +42,8 @@ def edited(folder, **values):
         ({"slot": 7}, "slot is not"),
         ({"device": "tpu"}, "device is neither"),
         ({"orientation_weight": -3.0}, "orientation_weight is not above 0"),
-        ({"checkpoint": "a | b"}, "a text of it has"),
-        ({"method": "<b>mine</b>"}, "a text of it has"),
+        ({"checkpoint": "a | b"}, "checkpoint holds 'a [|] b'"),
+        ({"method": "<b>mine</b>"}, "method holds '<b>mine"),
         ({"commit": "c1\n"}, "commit holds 'c1"),
         ({"commit": None}, "commit holds nothing in 1 rows"),
         ({"length": "three"}, "length holds object"),
@@ -76,8 +76,20 @@ def test_a_table_of_other_columns_is_not_published(tmp_path):
         read_checked(tmp_path, BLOCK_PUSH)
 
 
+def test_a_row_out_of_its_ranges_is_not_shown_and_what_has_no_checksum_is_said(tmp_path, capsys):
+    edited(tmp_path / "wrong", length=351)
+    with pytest.raises(SettingError, match="length is not from 1 to 350"):
+        read_present(tmp_path / "wrong", BLOCK_PUSH)
+    edited(tmp_path)
+    (part,) = (tmp_path / "episodes").iterdir()
+    assert len(read_present(part, BLOCK_PUSH)) == 3 and not capsys.readouterr().out
+    theirs = part.rename(tmp_path / "theirs.parquet")
+    assert len(read_present(theirs, BLOCK_PUSH)) == 3
+    assert capsys.readouterr().out.startswith(f"{theirs} is not called by its checksum")
+
+
 def test_rows_of_choices_need_not_be_fit_for_publication(tmp_path):
-    edited(tmp_path, length=351)
+    edited(tmp_path, checkpoint="a | b")
     assert read_checked(tmp_path, BLOCK_PUSH, 100_003).episode_seed.tolist() == [100_003]
 
 

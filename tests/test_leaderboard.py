@@ -259,7 +259,7 @@ def test_tables_anywhere_below_the_folder_are_read_and_both_files_written(
     }.items():
         write_part(tmp_path / folder, rows)
     earlier = transfer_episodes.query("episode_seed < 100_000")
-    write_part(tmp_path / "validation", earlier.assign(length=999))  # It cannot be, but is not published either.
+    write_part(tmp_path / "validation", earlier.assign(commit="a | b"))  # Is not published, so may have it.
     main(config)
     said = capsys.readouterr()
     assert "LEADERBOARD.md" in said.out and all(f"Rows of protocol {x.name}" in said.err for x in PROTOCOLS)

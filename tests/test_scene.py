@@ -1,5 +1,8 @@
 """Scenes are those of the original task."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -71,6 +74,33 @@ def test_crowded_scenes_have_a_block_at_a_target_and_overlap_nowhere():
     assert to_target.max() <= 0.09 and (to_target < 0.03).sum() > 20 and (to_target > 0.05).sum() > 100
     assert apart.min() > BLOCK_DIAGONAL and (apart < 0.1).mean() > 0.3 and (apart > 0.2).mean() > 0.2
     assert np.linalg.norm(blocks - effectors[:, None], axis=-1).min() > 0.04
+
+
+@pytest.mark.parametrize(
+    ("at", "overlap"),
+    [
+        ((0.039, 0.0, 0.0), True),
+        ((0.041, 0.0, 0.0), False),
+        ((0.0, -0.041, math.pi / 2), False),
+        ((0.047, 0.0, math.pi / 4), True),  # Its corner, 28.3 mm from its middle, points at the other's side.
+        ((0.049, 0.0, math.pi / 4), False),
+        ((0.039, 0.039, 0.0), True),
+        ((0.036, 0.036, math.pi / 4), False),  # Side to corner along the diagonal: 20 + 28.3 < 50.9 mm.
+        ((0.033, 0.033, math.pi / 4), True),
+    ],
+)
+def test_blocks_that_overlap_are_refused(at, overlap):
+    scene = draw_scene(3)
+    for turn in (0.0, 0.7):
+        c, s = math.cos(turn), math.sin(turn)
+        x, y, yaw = at
+        block2 = scene.block * [1, 1, 0] + [c * x - s * y, s * x + c * y, yaw + turn]
+        given = replace(scene, block=scene.block * [1, 1, 0] + [0, 0, turn], block2=block2)
+        if overlap:
+            with pytest.raises(ValueError, match="blocks overlap"):
+                checked_scene(given)
+        else:
+            checked_scene(given)
 
 
 @pytest.mark.system

@@ -68,6 +68,11 @@ def checksum(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
 
 
+def has_checksum(file: Path) -> bool:
+    """Whether a file is called by a checksum, so that any damage to it is seen."""
+    return re.fullmatch("[0-9a-f]{16}", file.stem) is not None
+
+
 def write_part(folder: Path, rows: pd.DataFrame) -> Path:
     """Add rows to the table in a folder; gives the new part.
 
@@ -145,7 +150,7 @@ def read_part(file: Path, columns: Sequence[str] | None = None) -> pa.Table:
         raise SettingError(f"{file} is no file, or a link to none. Move it away and run again.")
     if (size := file.stat().st_size) > MOST_BYTES:
         raise SettingError(f"{file} has {size / 1e9:.1f} GB. A part holds at most {MOST_BYTES / 1e9:.1f} GB.")
-    if re.fullmatch("[0-9a-f]{16}", file.stem) and checksum(file) != file.stem:
+    if has_checksum(file) and checksum(file) != file.stem:
         raise SettingError(f"{file} is damaged: it is not what its name, its checksum, says. Move it away.")
     try:
         texts = [field.name for field in pq.read_schema(file) if HOLDS[str][1](field.type)]

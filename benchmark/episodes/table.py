@@ -8,8 +8,26 @@ import pandas as pd
 import pyarrow as pa
 
 from benchmark.episodes.arm import ARM, SINCE, alike
-from benchmark.episodes.episode import CONDITION, IDENTITY, Condition, Episode, as_frame, column_types
-from benchmark.episodes.parts import check_columns, of_task, parts_below, parts_in, read_part, to_frame, write_part
+from benchmark.episodes.episode import (
+    CONDITION,
+    IDENTITY,
+    Condition,
+    Episode,
+    as_frame,
+    column_types,
+    row_id,
+    row_name,
+)
+from benchmark.episodes.parts import (
+    check_columns,
+    has_checksum,
+    of_task,
+    parts_below,
+    parts_in,
+    read_part,
+    to_frame,
+    write_part,
+)
 from benchmark.settings.command import SettingError
 from richmap.robots import SETTINGS
 
@@ -35,7 +53,7 @@ def read_present(path: Path, task: "Task", each_once: bool = True) -> pd.DataFra
     """The episodes of a task's present version, as `read_tables` gives them; how many others there are is printed.
 
     Raises:
-        SettingError: If a column is missing, or holds what the task's does not, or a score is not from 0 to 1.
+        SettingError: If a column is missing, holds what the task's does not, or is out of its range.
     """
     others, types = 0, column_types(task.outcome)
 
@@ -52,16 +70,37 @@ def read_present(path: Path, task: "Task", each_once: bool = True) -> pd.DataFra
         if len(kept) and (missing := types.keys() - SINCE.keys() - {*kept.column_names}):
             raise SettingError(f"{path} is no table of {task.name}: a part lacks {', '.join(sorted(missing))}.")
         check_columns(path, kept, types)
-        for score in {each.name for each in task.scores} & {*kept.column_names}:
-            values = kept[score].to_numpy()
-            if len(strange := values[(values < 0) | (values > 1)]):
-                raise SettingError(f"{path}: {score} holds {strange[0]:g}, and a score is from 0 to 1.")
         return kept
 
+    for file in parts_below(path):
+        if not has_checksum(file):
+            print(f"{file} is not called by its checksum, as our tables are: a damaged value in it may go unseen.")
     table = _read(lambda: parts_below(path), keep=present, each_once=each_once)
+    for said, wrong in _out_of_range(table, task).items() if len(table) else ():
+        if wrong.any():
+            row = table[wrong].iloc[0]
+            raise SettingError(f"{path}: the row {row_id(row)} ({row_name(row)}) cannot be: {said}.")
     if others:
         print(f"Episodes of other versions of {task.name} than the present one are left out of {path}: {others:,}.")
     return table
+
+
+def _out_of_range(table: pd.DataFrame, task: "Task") -> dict[str, pd.Series]:
+    """Ranges of the columns, and which rows leave them."""
+    scores, succeeded = table[[score.name for score in task.scores]], table[task.success].astype(bool)
+    return {
+        "a score of it is not from 0 to 1": ((scores < 0) | (scores > 1)).any(axis=1),
+        "its device is neither cpu nor cuda": ~table.device.isin(["cpu", "cuda"]),
+        "its orientation_weight is not above 0": table.orientation_weight <= 0,
+        "its lambda is below 0": (table["lambda"] < 0) & (table.entry_hash == ""),
+        "its sampling_steps are below 0": table.sampling_steps < 0,
+        "its slot is not its seed modulo batch_size": table.slot != table.episode_seed % table.batch_size.clip(1),
+        f"its length is not from 1 to {task.max_episode_steps}": ~table.length.between(1, task.max_episode_steps),
+        "its failure_cause is none of the task's": ~table.failure_cause.dropna()
+        .isin(task.causes)
+        .reindex(table.index, fill_value=True),
+        f"it has {task.success} and a failure_cause, or neither": table.failure_cause.isna() != succeeded,
+    }
 
 
 def _read(

@@ -16,6 +16,7 @@ from benchmark.scoring.published import TABLE_3
 from benchmark.scoring.suite_ranking import needs_text
 from benchmark.settings.recipe import USUAL
 from benchmark.settings.robot_config import PAPER_ARMS
+from benchmark.settings.task import chosen_task
 from policies.methods import DIRECT
 
 if TYPE_CHECKING:
@@ -73,7 +74,13 @@ def page(
         f"{', '.join(map(str, versions))}; commit {', '.join(commits)}. "
         + policies_text(task, recipe).replace("- **Policies**", "Policies"),
     }
-    texts = {"how_to_read": how_to_read(task), "mechanism": mechanism_text(task), "task": task.description}
+    names = dict.fromkeys([task.name, *(each.task for standing in standings for each in standing.conditions.values())])
+    texts = {
+        "how_to_read": how_to_read(task),
+        "mechanism": mechanism_text(task),
+        "tasks": "\n".join(f"- {chosen_task(name).description}" for name in names),
+        "task": task.description,
+    }
     prose = {name: MarkdownIt().render(text) for name, text in texts.items()}
     (meaning,) = [score.text for score in task.scores if score.name == task.ranking[0]]
     prose |= {"ranked": task.ranking[0].replace("_", " "), "meaning": meaning}

@@ -8,6 +8,7 @@ import math
 import os
 import shutil
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import chain, islice
@@ -67,17 +68,21 @@ def count_jobs(config: DictConfig) -> int:
     """How many combinations a sweep has.
 
     Raises:
-        SettingError: If they are too many.
+        SettingError: If they are too many, or a setting has a value twice.
     """
     parser = OverridesParser.create(config_loader=GlobalHydra.instance().config_loader())
     params = [f"{key}={value}" for key, value in (config.hydra.sweeper.params or {}).items()]
     overrides = parser.parse_overrides([*params, *config.hydra.overrides.task])
-    last = {override.key_or_group: override for override in overrides}.values()
-    jobs = math.prod(
-        sum(1 for _ in islice(o.sweep_string_iterator(), MOST_JOBS + 1)) for o in last if o.is_sweep_override()
-    )
+    last = {override.key_or_group: override for override in overrides}
+    swept = {name: override for name, override in last.items() if override.is_sweep_override()}
+    values = {name: [*islice(override.sweep_string_iterator(), MOST_JOBS + 1)] for name, override in swept.items()}
+    jobs = math.prod(map(len, values.values()))
     if jobs > MOST_JOBS:
         raise SettingError(f"The sweep has more than {MOST_JOBS:,} combinations. Give it fewer values.")
+    for name, given in values.items():
+        value, times = Counter(given).most_common(1)[0]
+        if times > 1:
+            raise SettingError(f"The sweep has {name}={value} twice. Give each value once.")
     return jobs
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from envs.arm.cuboid import checked_places
+from envs.block_push.pushing import HALF_EDGE
 from envs.block_push.workspace import WORKSPACE
 from richmap.task_spaces.block_push import START
 
@@ -67,12 +68,29 @@ def checked_scene(scene: Any, obstacles: int = 0) -> Scene:
             raise ValueError(f"The scene's {name} lies within {FLOOR} m of the origin along x and y. Got {given!r}")
         if np.abs(placed[name][2:]).max(initial=0) > MOST_YAW:
             raise ValueError(f"The scene's {name} is turned by at most {MOST_YAW:g} rad. Got {given!r}")
+    if _overlap(placed["block"], placed["block2"]):
+        raise ValueError(f"The scene's blocks overlap: {placed['block']} and {placed['block2']}, in m and rad.")
     low, high = WORKSPACE[0] - START_MARGIN, WORKSPACE[1] + START_MARGIN
     if (placed["effector"] < low).any() or (placed["effector"] > high).any():
         raise ValueError(f"The scene's effector lies within {low} and {high}, in m. Got {scene.effector!r}")
     if not isinstance(scene.mode, int | np.integer) or scene.mode not in range(MODES):
         raise ValueError(f"The scene's mode is a whole number from 0 to {MODES - 1}. Got {scene.mode!r}")
     return replace(scene, obstacles=checked_places(scene.obstacles, obstacles), **placed)
+
+
+def _overlap(*blocks: Float[np.ndarray, "3"]) -> bool:
+    """Whether two blocks overlap: no side of either has the other wholly beyond it."""
+    corners = []
+    for x, y, yaw in blocks:
+        ahead = HALF_EDGE * np.array([math.cos(yaw), math.sin(yaw)])
+        aside = np.array([-ahead[1], ahead[0]])
+        corners.append(np.array([x, y]) + [ahead + aside, aside - ahead, -ahead - aside, ahead - aside])
+    for square in corners:
+        for normal in (square[0] - square[1], square[1] - square[2]):
+            one, other = (each @ normal for each in corners)
+            if one.max() <= other.min() or other.max() <= one.min():
+                return False
+    return True
 
 
 def draw_scene(seed: int) -> Scene:
