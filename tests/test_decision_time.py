@@ -1,8 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from benchmark.scoring.decision_time import with_times
+from benchmark.settings.command import SettingError
 from benchmark.studies import decision_time
 from benchmark.studies.decision_time import DecisionTimeConfig
 
@@ -22,8 +25,9 @@ def test_every_method_with_a_chosen_scale_is_timed_in_place_of_older_rows(tmp_pa
     (tmp_path / "scales").mkdir()
     (tmp_path / "scales" / "press_buttons.yaml").write_text("way_on_arm: {scale: 1.0}\nway_of_any: {scale: 0}\n")
     config = DecisionTimeConfig(
-        ["press_buttons"], "gen3", 1, str(tmp_path / "scales"), output=str(tmp_path / "times.csv"), workers=1
-    )
+        ["press_buttons"], robot="gen3", episodes=1, scales_dir=str(tmp_path / "scales"),
+        output=str(tmp_path / "times.csv"), workers=1,
+    )  # fmt: skip
     decision_time.main(config)
     first = pd.read_csv(config.output)
     assert first.method.tolist() == ["direct", "way_on_arm"] and (first.steps > 10).all()
@@ -31,3 +35,8 @@ def test_every_method_with_a_chosen_scale_is_timed_in_place_of_older_rows(tmp_pa
     monkeypatch.setattr(decision_time, "timed", lambda rollout, episodes: {"robot": "gen3", "mean_ms": 1.0})
     decision_time.main(config)
     assert pd.read_csv(config.output).mean_ms.tolist() == [1.0, 1.0]
+    of_one = replace(config, methods=["way_of_any"])
+    with pytest.raises(SettingError, match="methods=way_of_any is not allowed. Allowed: with scale=null one of direct"):
+        decision_time.main(of_one)
+    decision_time.main(replace(of_one, scale=2.0))
+    assert pd.read_csv(config.output).groupby("method")["lambda"].max().to_dict()["way_of_any"] == 2

@@ -13,6 +13,7 @@ from benchmark.settings.config import RunConfig
 from benchmark.settings.paths import check_file
 from benchmark.settings.scenes import VALIDATION, check_scenes
 from benchmark.settings.task import chosen_task
+from policies.methods import GUIDED
 
 if TYPE_CHECKING:
     from benchmark.rollouts.rollout import Rollout
@@ -24,12 +25,16 @@ class DecisionTimeConfig:
 
     tasks: list[str] = field(default_factory=lambda: ["block_push", "press_buttons"])
     """Tasks, as in tasks=[block_push]."""
+    methods: list[str] = field(default_factory=list)
+    """Methods, as in methods=[eadp]; empty for direct transfer and all that have a scale in scales_dir."""
+    scale: float | None = None
+    """Of these methods; null for that in scales_dir."""
     robot: str = "ur3"
     """An arm that ships, where it usually stands."""
     episodes: int = 5
     """Validation scenes, one at a time, after one that does not count; a whole number >= 1."""
     scales_dir: str = "results/scales"
-    """Folder of the chosen scales; methods that have one there are timed, and direct transfer."""
+    """Folder of the chosen scales."""
     output: str = "results/decision_times.csv"
     """Table that rows go to, in place of older ones of the same task, method and scale."""
     workers: int = 2
@@ -38,6 +43,9 @@ class DecisionTimeConfig:
     def __post_init__(self) -> None:
         for name in self.tasks:
             chosen_task(name)
+        for name in self.methods:
+            check_setting(name in GUIDED, "methods", name, ", ".join(GUIDED))
+        check_setting(self.scale is None or bool(self.methods), "scale", self.scale, "null without methods")
         check_setting(self.episodes >= 1, "episodes", self.episodes, "a whole number >= 1")
         check_scenes(VALIDATION.start, self.episodes + 1)
         check_file(self.output)
@@ -58,6 +66,11 @@ def main(config: DecisionTimeConfig) -> None:
     for task in config.tasks:
         chosen = read_scales(scales_file(config.scales_dir, task))
         scales = {"direct": 0.0} | {name: float(said["scale"]) for name, said in chosen.items() if said["scale"]}
+        for name in config.methods:
+            known = config.scale is not None or name in scales
+            check_setting(known, "methods", name, f"with scale=null one of {', '.join(scales)}, in {task}")
+        if config.methods:
+            scales = {name: scales[name] if config.scale is None else config.scale for name in config.methods}
         for method, scale in scales.items():
             run = RunConfig(
                 RobotConfig(config.robot), task, scale, method, device="cpu", batch_size=1, workers=config.workers
