@@ -80,9 +80,21 @@ class GuidedPushPolicy(DiffusionPolicy):
         Args:
             batch: The last `n_obs_steps` observations of each row; not looked at within `select_action`.
             noise: Rows of `noise_shape`, or of (horizon, action) for DDIM; drawn from torch's generator if None.
+
+        Raises:
+            ValueError: If an observation is missing or has another shape than those of the training.
         """
+        features = {OBS_STATE: self.config.robot_state_feature, OBS_ENV_STATE: self.config.env_state_feature}
         if any(self._queues.values()):
-            batch = {key: torch.stack(list(self._queues[key]), dim=1) for key in (OBS_STATE, OBS_ENV_STATE)}
+            batch = {key: torch.stack([*self._queues[key]], dim=1) for key in features if self._queues[key]}
+        for key, feature in features.items():
+            shape = (self.config.n_obs_steps, *feature.shape)
+            if key not in batch or batch[key].shape[1:] != shape:
+                got = f"{tuple(batch[key].shape)}" if key in batch else "nothing"
+                raise ValueError(
+                    f"The policy takes {key} as (rows, {', '.join(map(str, shape))}), which `select_action` makes of "
+                    f"the last {shape[0]} times (rows, {shape[1]}). Got {got}."
+                )
         return self.diffusion.generate_actions(batch, noise=noise, guidance=self.guidance)
 
     def update(self) -> None:

@@ -209,6 +209,22 @@ def test_select_action_sees_the_last_three_observations(batch):
     assert torch.equal(action, policy.predict_action_chunk(batch, noise_for(policy))[:, 0])
 
 
+@pytest.mark.parametrize(
+    ("key", "wrong", "got"),
+    [
+        ("observation.state", lambda seen: seen[:, :3], r"Got \(6, 3, 3\)\."),
+        ("observation.state", lambda seen: seen[0], r"Got \(4, 3\)\."),
+        ("observation.environment_state", lambda seen: None, "Got nothing"),
+    ],
+)
+def test_an_observation_of_another_shape_is_refused(batch, key, wrong, got):
+    policy = make_policy()
+    policy.reset()
+    seen = {name: value[:, 0] for name, value in batch.items()} | {key: wrong(batch[key][:, 0])}
+    with pytest.raises(ValueError, match=rf"The policy takes {key} as \(rows, 3, [0-9]+\).*{got}"):
+        policy.select_action({name: value for name, value in seen.items() if value is not None})
+
+
 def test_saved_and_loaded_policies_act_alike(batch, tmp_path):
     policy = make_policy()
     noise = noise_for(policy)
