@@ -74,11 +74,12 @@ def page(
         f"{', '.join(map(str, versions))}; commit {', '.join(commits)}. "
         + policies_text(task, recipe).replace("- **Policies**", "Policies"),
     }
-    names = dict.fromkeys([task.name, *(each.task for standing in standings for each in standing.conditions.values())])
+    of_suites = {condition.task: None for standing in standings for condition in standing.conditions.values()}
+    described = dict.fromkeys([task.description, *(chosen_task(name).description for name in of_suites)])
     texts = {
         "how_to_read": how_to_read(task),
         "mechanism": mechanism_text(task),
-        "tasks": "\n".join(f"- {chosen_task(name).description}" for name in names),
+        "tasks": "\n".join(f"- {text}" for text in described),
         "task": task.description,
     }
     prose = {name: MarkdownIt().render(text) for name, text in texts.items()}
