@@ -92,6 +92,7 @@ def test_the_threshold_is_the_best_one_on_the_poses_it_is_chosen_on(poses):
     assert strict.threshold >= chosen.threshold
 
 
+@pytest.mark.system
 def test_most_poses_that_the_arm_takes_are_found_and_few_beyond_its_reach(coarse_map):
     joints = np.random.default_rng(5).uniform(ROBOT.lower, ROBOT.upper, (2000, 7))
     joints = joints[~self_collision(ROBOT)(joints)]

@@ -15,6 +15,7 @@ def robot(request):
     return load_robot(request.param)
 
 
+@pytest.mark.system
 def test_poses_are_within_limits_and_free_and_where_they_say(robot):
     orbits = sample_workspace(robot, np.random.default_rng(5), configurations=100, turns=16)
     position, direction, joints = orbits.poses()

@@ -61,6 +61,7 @@ def test_a_line_of_history_raises_the_version_of_the_settings_that_it_names():
         task.check_version("embodied", 3)
 
 
+@pytest.mark.system
 def test_an_oracle_plays_the_same_episode_through_the_task_as_by_itself():
     arm = block_push_arm("xarm6")
     infos = play_oracle(BLOCK_PUSH.make(arm), 100_003, BLOCK_PUSH.oracle("plain")(arm))
