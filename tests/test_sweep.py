@@ -250,7 +250,8 @@ def test_a_sweep_that_is_refused_is_one_line_and_leaves_no_folder(tmp_path):
         (["robot=ur3,nonsense"], "error: robot=nonsense is not allowed. "),
         (["episodes=-2,-1", "hydra/launcher=basic", "hydra.sweep.dir=theirs"], "error: episodes=-2 is not allowed. "),
         (["lambda=range(0,100000000)", "method=towards"], "error: The sweep has more than 10,000 combinations."),
-        (["lambda=0,1,0", "method=towards"], "error: The sweep has lambda=0 twice. Give each value once."),
+        (["lambda=range(3,1)", "method=towards"], "error: There is nothing to sweep over: "),
+        (["lambda=0,1,0", "method=towards"], "error: The sweep has lambda=0 2 times. Give each value once."),
         (["method=${chosen:.,block_push}"], "error: SettingError raised while resolving interpolation: block_push"),
     ):
         command = [sys.executable, "-m", "benchmark.run", "-m", "device=cpu", *arguments]

@@ -28,10 +28,7 @@ def read_checked(path: Path, task: "Task", first_seed: int = 0) -> pd.DataFrame:
     table = read_present(path, task, each_once=False)
     if table.empty:
         return table
-    types = column_types(task.outcome)
-    if missing := types.keys() - {*table}:
-        raise SettingError(f"{path} is no table of {task.name}: it lacks {', '.join(sorted(missing))}.")
-    if strange := {*table} - types.keys():
+    if strange := {*table} - column_types(task.outcome).keys():
         raise SettingError(f"{path} has columns that no rollout stores: {', '.join(sorted(strange))}.")
     table = table[table.episode_seed >= first_seed]
     _check_texts(path, table, task)

@@ -80,9 +80,9 @@ def count_jobs(config: DictConfig) -> int:
     if jobs > MOST_JOBS:
         raise SettingError(f"The sweep has more than {MOST_JOBS:,} combinations. Give it fewer values.")
     for name, given in values.items():
-        value, times = Counter(given).most_common(1)[0]
-        if times > 1:
-            raise SettingError(f"The sweep has {name}={value} twice. Give each value once.")
+        for value, times in Counter(given).most_common(1):
+            if times > 1:
+                raise SettingError(f"The sweep has {name}={value} {times} times. Give each value once.")
     return jobs
 
 
