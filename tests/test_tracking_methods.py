@@ -159,3 +159,19 @@ def test_arms_controllers_reach_what_is_within_reach_and_no_more(task):
     left = np.linalg.norm(WAYS[task] - reached[0], axis=1)
     assert left[:3].max() < 1e-3 and left[-1] > 0.2 and (np.diff(left[-10:]) > 0).all()
     assert (pointing[0, :3] @ DOWN > 0.999).all()
+
+
+@pytest.mark.parametrize("name", ["ur3", "xarm7", "so101"])
+def test_compiled_loops_follow_as_the_environments_inverse_kinematics_does(name):
+    """Six joints, seven and five; random ways, a third of them out of reach, where joints stop at their limits."""
+    kinematics = place_arm(name, BLOCK_PUSH.poses).kinematics()
+    start = BLOCK_PUSH.controller(place_arm(name, BLOCK_PUSH.poses)).start()
+    rng = np.random.default_rng(0)
+    points = BLOCK_PUSH.poses.start + np.cumsum(rng.normal(0, [0.03, 0.03, 0], (30, 16, 3)), 1)
+    points[:10, :, :2] += np.linspace(0, 1, 16)[:, None] * rng.uniform(-1, 1, (10, 1, 2))
+    reached = kinematics.follow(np.tile(start, (30, 1)), points)
+    for row, way in zip(points, reached, strict=True):
+        q = start
+        for point, got in zip(row, way, strict=True):
+            q = kinematics.solve(point, q).joints
+            np.testing.assert_allclose(got, q, atol=1e-7)

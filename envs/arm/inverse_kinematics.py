@@ -1,11 +1,15 @@
 """Joint angles that hold the tool upright over a point of the table, by damped least squares."""
 
 from dataclasses import dataclass
+from typing import NamedTuple, no_type_check
 
 import mujoco
+import numba
 import numpy as np
 from jaxtyping import Float
 
+from richmap.motion.inverse_kinematics import Chain, pose_errors, solve_positive
+from richmap.motion.kinematics import joint_frames
 from richmap.physics.mujoco_model import kinematic_spec
 from richmap.robots.robot import RobotDescription
 
@@ -33,6 +37,17 @@ class Posture:
     """Distance from the flange to the point asked for, in [m]."""
     tilt: float
     """Angle between the tool and the vertical, in [rad]."""
+
+
+class Upright(NamedTuple):
+    """What compiled loops make small (`InverseKinematics`)."""
+
+    rotation: Float[np.ndarray, "3 3"]
+    """Orientation of the flange that holds the tool down, in the base frame (columns: its axes)."""
+    rolls_freely: bool
+    """Whether the tool's tilt alone counts, not its roll."""
+    weight: float
+    """Of orientation against position, in [m/rad]."""
 
 
 class InverseKinematics:
@@ -71,6 +86,7 @@ class InverseKinematics:
             mujoco.mju_mulQuat(self._tool_down, np.array([np.cos(yaw / 2), 0, 0, -np.sin(yaw / 2)]), TOOL_DOWN)
         self._lower, self._upper = lower, upper
         self._rolls_freely = self._model.nv < 6
+        self._chain = Chain(joint_frames(robot), lower, upper)
         self._jacobian = np.zeros((6, self._model.nv))
         self._row_weights = np.array([1, 1, 1, *[orientation_weight] * 3])[:, None]
         self._rotation = np.zeros(3)
@@ -105,6 +121,16 @@ class InverseKinematics:
             error = self._error(joints, goal)
         down = -self._data.xmat[self._flange, 8]
         return Posture(joints, float(np.sqrt(error[:3] @ error[:3])), float(np.arccos(min(max(down, -1.0), 1.0))))
+
+    def follow(
+        self, joints: Float[np.ndarray, "n dof"], points: Float[np.ndarray, "n t 3"]
+    ) -> Float[np.ndarray, "n t dof"]:
+        """Joint angles, in [rad], to which `solve` gets from point to point, in [m] in the world; in compiled loops."""
+        goals = (points - self._base) @ self._turn
+        down = self._turn.T @ np.diag([-1.0, 1.0, -1.0])
+        reached = np.empty((*points.shape[:2], joints.shape[1]))
+        _follow(self._chain, joints, goals, Upright(down, self._rolls_freely, self._weight), reached)
+        return reached
 
     def flange(self, joints: Float[np.ndarray, " dof"]) -> Float[np.ndarray, "3"]:
         """Where the flange is, in [m] in the world."""
@@ -171,3 +197,76 @@ def _damped_least_squares(
     normal = jacobian @ jacobian.T
     normal.flat[::7] += damping
     return jacobian.T @ np.linalg.solve(normal, error)
+
+
+@numba.njit(cache=True, nogil=True)
+@no_type_check
+def _follow(chain, joints, goals, how, reached):
+    """Write what `InverseKinematics.solve` gives for each of the goals, each from the answer to the last one."""
+    n = joints.shape[1]
+    work = np.empty((2 * n + 8, 6))
+    least, most = np.empty(n), np.empty(n)
+    for i in range(len(joints)):
+        q = joints[i]
+        for k in range(goals.shape[1]):
+            for j in range(n):
+                least[j] = max(chain.lower[j], q[j] - MAX_TURN)
+                most[j] = min(chain.upper[j], q[j] + MAX_TURN)
+                reached[i, k, j] = min(max(q[j], least[j]), most[j])
+            q = reached[i, k]
+            _approach(Chain(chain.frames, least, most), q, goals[i, k], how, work)
+
+
+@numba.njit(cache=True, nogil=True)
+@no_type_check
+def _approach(chain, q, goal, how, work):
+    """Move joint angles, in place, towards holding the flange at a goal in the base frame."""
+    n = len(q)
+    jacobian, tried, normal = work[:n], work[n : 2 * n], work[2 * n : 2 * n + 6]
+    error, missing = work[2 * n + 6], work[2 * n + 7]
+    step, trial = np.empty(n), np.empty(n)
+    pose_errors(chain.frames, q, goal, how.rotation, how.rolls_freely, how.weight, jacobian, error)
+    damping = FIRST_DAMPING
+    for _ in range(ITERATIONS):
+        size = (error * error).sum()
+        if size < CONVERGED**2:
+            break
+        room = chain.lower - q, chain.upper - q
+        _bounded_step(jacobian, error, damping * size + LEAST_DAMPING**2, room, step, normal)
+        trial[:] = q + step
+        pose_errors(chain.frames, trial, goal, how.rotation, how.rolls_freely, how.weight, tried, missing)
+        if (missing * missing).sum() < size:
+            q[:] = trial
+            jacobian, tried = tried, jacobian
+            error, missing = missing, error
+            damping /= 4
+        else:
+            damping *= 8
+
+
+@numba.njit(cache=True, nogil=True)
+@no_type_check
+def _bounded_step(jacobian, error, damping, bounds, step, normal):
+    """Write the damped least-squares step within bounds; the other joints take over what bounded ones leave."""
+    least, most = bounds
+    held, rest, y = np.zeros(len(step), dtype=np.bool_), error.copy(), np.empty(6)
+    for _ in range(2):
+        normal[:] = 0.0
+        for r in range(6):
+            normal[r, r] = damping
+        for j in range(len(step)):
+            if not held[j]:
+                for r in range(6):
+                    for c in range(r + 1):
+                        normal[r, c] += jacobian[j, r] * jacobian[j, c]
+        solve_positive(normal, rest, y)
+        bounded = False
+        for j in range(len(step)):
+            if not held[j]:
+                free = (jacobian[j] * y).sum()
+                step[j] = min(max(free, least[j]), most[j])
+                if step[j] != free:
+                    held[j], bounded = True, True
+                    rest -= jacobian[j] * step[j]
+        if not bounded:
+            break

@@ -46,10 +46,7 @@ class PushController:
         directions: Float[np.ndarray, "n t 3"],
     ) -> tuple[Float[np.ndarray, "n t 3"], Float[np.ndarray, "n t 3"]]:
         """Where the flange gets, in [m], and where the tool points, by commands one after another; all are down."""
-        reached = np.empty((*places.shape[:2], joints.shape[1]))
-        for q, row, way in zip(joints, places, reached, strict=True):
-            for k, place in enumerate(row):
-                q = way[k] = self._kinematics.solve(place, q).joints
+        reached = self._kinematics.follow(joints, places)
         position, rotation = flange_frames(self._arm.description, reached.reshape(-1, joints.shape[1]))
         c, s = np.cos(self._arm.yaw), np.sin(self._arm.yaw)
         turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])  # Of row vectors.

@@ -275,7 +275,7 @@ def descend(chain, q, position, rotation, how, work):
     jacobian, tried = work[:n], work[n : 2 * n]
     a = work[2 * n : 2 * n + 6]
     e, e_tried, y, trial = work[2 * n + 6], work[2 * n + 7], work[2 * n + 8], work[3 * n + 10 :].reshape(-1)[:n]
-    off, angle = _errors(frames, q, position, rotation, free_roll, lever, jacobian, e)
+    off, angle = pose_errors(frames, q, position, rotation, free_roll, lever, jacobian, e)
     cost = _square(e)
     damping, slow, refused = min(0.05, cost), 0, 0  # Nearly Newton steps from a start that is near.
     for _ in range(iterations):
@@ -295,7 +295,7 @@ def descend(chain, q, position, rotation, how, work):
                 for r in range(6):
                     for c in range(r + 1):
                         a[r, c] += row[r] * row[c]
-        _solve(a, e, y)
+        solve_positive(a, e, y)
         longest = 0.0
         for j in range(n):
             step = 0.0
@@ -306,7 +306,7 @@ def descend(chain, q, position, rotation, how, work):
         scale = min(1.0, STEP / max(longest, 1e-12))
         for j in range(n):
             trial[j] = _within(q[j] + scale * trial[j], lower[j], upper[j])
-        off_tried, angle_tried = _errors(frames, trial, position, rotation, free_roll, lever, tried, e_tried)
+        off_tried, angle_tried = pose_errors(frames, trial, position, rotation, free_roll, lever, tried, e_tried)
         cost_tried = _square(e_tried)
         if cost_tried < cost:
             slow = slow + 1 if cost_tried > 0.95 * cost else 0
@@ -344,7 +344,7 @@ def _within(q, lower, upper):
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def _solve(a, b, x):
+def solve_positive(a, b, x):
     """Solve a x = b for a symmetric positive 6 x 6 matrix (its lower triangle, overwritten) by Cholesky's method."""
     for i in range(6):
         for j in range(i + 1):
@@ -369,7 +369,7 @@ def _solve(a, b, x):
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
-def _errors(frames, q, position, rotation, free_roll, lever, jacobian, e):
+def pose_errors(frames, q, position, rotation, free_roll, lever, jacobian, e):
     """Errors of a configuration; writes how the flange moves per joint, and the weighted error, both in [m]."""
     n = len(q)
     px, py, pz = frames[0, 0, 3], frames[0, 1, 3], frames[0, 2, 3]
