@@ -10,7 +10,6 @@ from envs.press_buttons import motion
 from envs.press_buttons.model import PressModel
 from envs.press_buttons.twin import ToolKinematics
 from envs.press_buttons.workspace import CUBOIDS
-from richmap.motion.kinematics import forward
 from richmap.task_spaces.press_buttons import ROD
 
 
@@ -40,14 +39,8 @@ class PressController:
         directions: Float[np.ndarray, "n t 3"],
     ) -> tuple[Float[np.ndarray, "n t 3"], Float[np.ndarray, "n t 3"]]:
         """Where the tip gets, in [m], and where the rod points, by commands one after another."""
-        tool, got, pointing = self._kinematics.tool, np.empty_like(places), np.empty_like(directions)
-        rotation, turned, work = np.zeros((3, 3)), np.empty((3, 3)), np.empty((4 * joints.shape[1] + 16, 6))
-        for i, q in enumerate(joints.copy()):
-            for k in range(places.shape[1]):
-                command = places[i, k].copy(), directions[i, k].copy()
-                motion.follow(tool, q, *command, rotation, work)
-                forward(tool.frames, q, got[i, k], turned)
-                pointing[i, k] = turned[:, 2]
+        got, pointing = np.empty_like(places), np.empty_like(directions)
+        motion.follow_all(self._kinematics.tool, joints, places, directions, got, pointing)
         return got, pointing
 
     def body(self, near: float) -> ArmBody:

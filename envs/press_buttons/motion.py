@@ -160,6 +160,20 @@ def follow(tool, q, tip, approach, rotation, work):
 
 @numba.njit(cache=True, nogil=True)
 @no_type_check
+def follow_all(tool, joints, tips, approaches, got, pointing):
+    """Write where `follow` leads the tip and how the rod then points, command after command, a row for each arm."""
+    n = joints.shape[1]
+    rotation, turned, work = np.zeros((3, 3)), np.empty((3, 3)), np.empty((4 * n + 16, 6))
+    for i in range(len(joints)):
+        q = joints[i].copy()
+        for k in range(tips.shape[1]):
+            follow(tool, q, tips[i, k], approaches[i, k], rotation, work)
+            forward(tool.frames, q, got[i, k], turned)
+            pointing[i, k] = turned[:, 2]
+
+
+@numba.njit(cache=True, nogil=True)
+@no_type_check
 def at_button(tip, place, normal):
     """Height of a tip above a button's face at rest, and its distance from the axis, both in [m]."""
     rel = tip - place
