@@ -234,13 +234,19 @@ def _maps(
 
     source = config.source.load()
     found = [cached_map(each, config.map) for each in (robot, source)]
-    lacking = {config.robot.name: robot, config.source.name: source}
-    lacking = {name: each for (name, each), built in zip(lacking.items(), found, strict=False) if built is None}
+    both = [(config.robot.name, robot), (config.source.name, source)]
+    lacking = {each.name: name for (name, each), built in zip(both, found, strict=True) if built is None}
     if lacking:
         left_out = "the search for a base and the columns mapped and mmd" if found[0] is None else "the column mmd"
-        builds = " ".join(f"`python -m benchmark.build_maps robot={name} with_field=false`" for name in lacking)
+        scaled = robot.scale != 1  # Then it is the task that has its lengths.
+        builds = " ".join(
+            f"`python -m benchmark.run robot={name} method=paper episodes=1`"
+            if scaled and each == robot.name
+            else f"`python -m benchmark.build_maps robot={name} with_field=false`"
+            for each, name in lacking.items()
+        )
         console.print(
-            f"Not in the cache: the map of {' and '.join(each.name for each in lacking.values())} with these settings. "
+            f"Not in the cache: the map of {' and '.join(lacking)} with these settings. "
             f"So {left_out} are left out. Build it (with the same map.… and robot.…): {builds}",
             soft_wrap=True,
         )

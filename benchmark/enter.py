@@ -7,6 +7,7 @@ python -m benchmark.enter entry=my_entry suite=full final=true
 python -m benchmark.enter entry=their_entry table=their_entry.parquet
 """
 
+import re
 import secrets
 import shutil
 import sys
@@ -222,9 +223,9 @@ def final_rows(config: EnterConfig, entry: Entry) -> "pd.DataFrame":
 
     folder = Path(config.table or Path(config.output_dir, entry.about.name))
     rows = read_tables(folder)
-    if rows.empty:
-        return rows
-    named = rows.method.str.partition("~")[0] == entry.about.name
+    if not {"method", "episode_seed", "entry_hash"} <= {*rows}:  # Empty, or no table of episodes.
+        return rows.iloc[:0]
+    named = rows.method.astype(str).str.fullmatch(rf"{re.escape(entry.about.name)}(~[1-9]\d*)?")
     return rows[named & rows.episode_seed.isin(config.scenes)]
 
 

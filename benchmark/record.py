@@ -41,11 +41,13 @@ class RecordConfig(RunConfig):
     """Seed of a demonstration to draw instead, as benchmark.collect makes it by default; -1 for none."""
 
     def __post_init__(self) -> None:
+        check_setting(not self.suite, "suite", self.suite, "empty: a film is of one condition, by robot and arm.…")
         super().__post_init__()
         check_setting(self.failed >= 0, "failed", self.failed, "a whole number >= 0")
         check_setting(self.demonstration >= -1, "demonstration", self.demonstration, "a whole number >= 0, or -1")
         chosen = bool(self.row) + (self.failed > 0) + (self.demonstration >= 0)
         check_setting(chosen <= 1, "row", self.row, "one of row, failed and demonstration at most")
+        check_setting(self.wandb.mode == "disabled", "wandb.mode", self.wandb.mode, "disabled: films are files")
 
 
 def main(config: RecordConfig) -> None:

@@ -47,6 +47,19 @@ def test_nine_of_a_checkpoint_fit_in_40_mb(checkpoint):
     assert 9 * sum(file.stat().st_size for file in checkpoint.iterdir()) < 40e6
 
 
+@pytest.mark.parametrize(
+    "folder, name",
+    [
+        ("mine", "mine"),
+        ("run/checkpoints/000100/pretrained_model", "run/000100"),
+        ("home/me/pretrained_model", "me"),
+        ("hub/models--me--mine/snapshots/0123", "me/mine"),
+    ],
+)
+def test_a_checkpoint_is_called_by_the_folder_that_says_most(tmp_path, folder, name):
+    assert Checkpoint(tmp_path / folder).name == name
+
+
 def test_a_policy_is_told_by_all_that_decides_its_actions(tmp_path):
     """Stored episodes of one are not taken for those of another."""
     copy = shutil.copytree(CHECKPOINTS[0], tmp_path / "copy")

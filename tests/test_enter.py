@@ -18,7 +18,7 @@ from rich.console import Console
 
 from benchmark import enter
 from benchmark.artifacts import known_policies
-from benchmark.artifacts.known_policies import checkpoint_folder
+from benchmark.artifacts.known_policies import RESULTS, checkpoint_folder
 from benchmark.enter import EnterConfig
 from benchmark.episodes.arm import chosen_arm
 from benchmark.episodes.checked_rows import read_checked
@@ -490,6 +490,18 @@ def test_a_final_run_that_is_refused_takes_no_earlier_one_with_it(brief, small_s
     pd.testing.assert_frame_equal(read_episodes(output / "half-speed"), first)
     (refused,) = (output / "half-speed").glob("refused-*")
     assert refused.is_dir()
+
+
+@pytest.mark.parametrize("change", [{"method": None}, {"method": "half-speed~x"}, {"entry_hash": None}])
+def test_a_sent_table_that_is_none_of_a_final_run_is_refused_in_words(brief, small_suite, tmp_path, capsys, change):
+    folder, ((column, value),) = write_entry(tmp_path / "half-speed"), change.items()
+    rows = read_episodes(RESULTS / "suites" / "full" / "block_push").head(3)
+    rows = rows.drop(columns=column) if value is None else rows.assign(**change)
+    (tmp_path / "sent").mkdir()
+    rows.to_parquet(tmp_path / "sent" / "rows.parquet")
+    with pytest.raises(SystemExit, match="1"):
+        enter.main(on_suite(folder, tmp_path / "out", final=True, table=str(tmp_path / "sent")))
+    assert "Refused: ur5, embodied, half-speed" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from benchmark.record import RecordConfig, main
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.video import record
 from benchmark.settings.command import SettingError
-from benchmark.settings.config import RunConfig
+from benchmark.settings.config import RunConfig, WandbConfig
 from benchmark.settings.robot_config import RobotConfig
 from tests.egl import needs_egl
 
@@ -50,6 +50,18 @@ def test_a_demonstration_is_drawn_with_a_caption_under_it(quick_films, tmp_path,
 @pytest.mark.parametrize("settings", [{"row": "12345678", "failed": 1}, {"failed": 1, "demonstration": 0}])
 def test_one_thing_is_drawn_at_a_time(settings):
     with pytest.raises(SettingError, match="one of row, failed and demonstration"):
+        RecordConfig(**settings)
+
+
+@pytest.mark.parametrize(
+    "settings, message",
+    [
+        ({"suite": "quick"}, "a film is of one condition"),
+        ({"wandb": WandbConfig(mode="offline")}, "wandb.mode=offline is not allowed. Allowed: disabled"),
+    ],
+)
+def test_settings_that_would_do_nothing_are_refused(settings, message):
+    with pytest.raises(SettingError, match=message):
         RecordConfig(**settings)
 
 

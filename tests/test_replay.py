@@ -157,7 +157,7 @@ def test_what_the_oracle_played_is_not_played_again(tmp_path, monkeypatch):
     pd.testing.assert_frame_equal(read_episodes(tmp_path / "ur5-embodied"), before)
 
 
-def test_the_settings_of_a_field_are_found_beside_the_rows(tmp_path):
+def test_the_settings_of_a_field_are_found_beside_the_rows(tmp_path, monkeypatch):
     """Whoever replays a row need not know them."""
     config = dataclasses.replace(
         CONFIG,
@@ -170,8 +170,10 @@ def test_the_settings_of_a_field_are_found_beside_the_rows(tmp_path):
     rollout = make_rollout(config, 0.5, checkpoint_folder(42), Console(quiet=True))
     note_settings(tmp_path / "guided", [rollout], config)
     row = rollout.condition.row() | {"episode_seed": 1}
-    for table in (tmp_path, tmp_path / "guided", tmp_path / "guided" / "episodes" / "part.parquet"):
-        table.parent.mkdir(exist_ok=True)
+    (tmp_path / "guided" / "episodes").mkdir(exist_ok=True)
+    monkeypatch.chdir(tmp_path / "guided" / "episodes")
+    part = Path("part.parquet")
+    for table in (tmp_path, tmp_path / "guided", part.resolve(), part):
         table.touch() if table.suffix else table.mkdir(exist_ok=True)
         assert replay.row_rollout(row, ReplayConfig(table=str(table)), Console(quiet=True)).field == rollout.field
     (noted,) = tmp_path.glob("guided/fields/*.json")

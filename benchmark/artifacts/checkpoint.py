@@ -38,11 +38,13 @@ class Checkpoint:
     @property
     def name(self) -> str:
         """Name of its folder; for `<run>/checkpoints/<step>/pretrained_model` of `lerobot-train` it is <run>/<step>,
-        for a copy from the Hub <owner>/<name>."""
+        for another folder `pretrained_model` that of the folder above, for a copy from the Hub <owner>/<name>."""
         parts = self.folder.resolve().parts
         if parts[-2:-1] == ("snapshots",) and parts[-3].startswith("models--"):
             return parts[-3].removeprefix("models--").replace("--", "/")
-        return f"{parts[-4]}/{parts[-2]}" if parts[-1] == "pretrained_model" else parts[-1]
+        if parts[-1] == "pretrained_model":
+            return f"{parts[-4]}/{parts[-2]}" if parts[-3:-2] == ("checkpoints",) else parts[-2]
+        return parts[-1]
 
     @property
     def type(self) -> str:

@@ -75,7 +75,13 @@ def read_present(path: Path, task: "Task", each_once: bool = True) -> pd.DataFra
     for file in parts_below(path):
         if not has_checksum(file):
             print(f"{file} is not called by its checksum, as our tables are: a damaged value in it may go unseen.")
-    table = _read(lambda: parts_below(path), keep=present, each_once=each_once)
+
+    def files() -> list[Path]:
+        nonlocal others
+        others = 0  # Parts are read anew if one of them is merged meanwhile.
+        return parts_below(path)
+
+    table = _read(files, keep=present, each_once=each_once)
     for said, wrong in _out_of_range(table, task).items() if len(table) else ():
         if wrong.any():
             row = table[wrong].iloc[0]

@@ -47,7 +47,7 @@ LOOSE = 25.0
 CHUNK = 5000
 """Poses that are drawn, labelled and stored at once."""
 
-KIND, VERSION = "richmap.LabelledPoses", 1
+KIND, FILE_VERSION = "richmap.LabelledPoses", 1
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class LabelledPoses:
 
     def save(self, path: Path) -> None:
         """Write the poses as one safetensors file, atomically."""
-        save_arrays(path, KIND, VERSION, self._arrays(), {"drawn": json.dumps(self.drawn)})
+        save_arrays(path, KIND, FILE_VERSION, self._arrays(), {"drawn": json.dumps(self.drawn)})
 
     @classmethod
     def load(cls, path: Path) -> "LabelledPoses":
@@ -94,7 +94,7 @@ class LabelledPoses:
         Raises:
             FileRefusedError: If the file is cut short, holds something else, or has another version.
         """
-        with reading(path, KIND, VERSION) as (arrays, about):
+        with reading(path, KIND, FILE_VERSION) as (arrays, about):
             return cls(**arrays, drawn=json.loads(about["drawn"]))
 
     @classmethod

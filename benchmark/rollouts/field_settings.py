@@ -44,8 +44,11 @@ def noted_settings(table: Path, fingerprint: str) -> tuple[MapConfig, EnergyConf
     Raises:
         SettingError: If the file is damaged, or of another version.
     """
-    folder = table if table.is_dir() else table.parents[1]  # A part lies in the folder `episodes` of its table.
-    files = sorted(folder.rglob(str(_name(fingerprint)))) if re.fullmatch("[0-9a-f]{16,}", fingerprint) else []
+    if not re.fullmatch("[0-9a-f]{16,}", fingerprint):
+        return None
+    name = _name(fingerprint)
+    beside = table.resolve().parent.parent / name  # A part lies in the folder `episodes` of its table.
+    files = sorted(table.rglob(str(name))) if table.is_dir() else [beside] * beside.exists()
     if not files:
         return None
     try:

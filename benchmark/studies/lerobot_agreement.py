@@ -25,10 +25,10 @@ from benchmark.scoring.eval_info import read_eval_info
 from benchmark.settings.command import check_setting, run_command
 from benchmark.settings.config import RunConfig
 from benchmark.settings.paths import check_folder
-from benchmark.settings.robot_config import RobotConfig, robot_field
+from benchmark.settings.robot_config import PAPER_ARMS, RobotConfig, robot_field
 from benchmark.settings.scenes import check_scenes
 from richmap.outputs import replacing
-from richmap.robots import ROBOTS, SETTINGS
+from richmap.robots import SETTINGS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,7 +48,7 @@ KEY = ["robot", "setting", "checkpoint_hash", "episode_version", "episode_seed"]
 class LerobotAgreementConfig:
     """Compares the success that lerobot-eval measures with that of our rollouts, on the same episodes."""
 
-    robot: RobotConfig = robot_field("ur3", ROBOTS)
+    robot: RobotConfig = robot_field("ur3", PAPER_ARMS)
     """Arm: xarm6, ur3, ur5 or ur10."""
     setting: str = "embodied"
     """What the arm may do: original, embodied or best (see benchmark.run)."""
@@ -70,7 +70,7 @@ class LerobotAgreementConfig:
     """Folder of lerobot_agreement.md; episodes go to its folder lerobot_agreement."""
 
     def __post_init__(self) -> None:
-        check_setting(self.robot.name in ROBOTS, "robot", self.robot.name, ", ".join(ROBOTS))
+        check_setting(self.robot.name in PAPER_ARMS, "robot", self.robot.name, ", ".join(PAPER_ARMS))
         for name in ("episodes", "batch_size", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         check_scenes(self.seed_start, self.episodes)
