@@ -3,8 +3,7 @@
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from types import UnionType
-from typing import Any, get_args, get_type_hints
+from typing import Any, get_type_hints
 
 import gymnasium
 import numpy as np
@@ -145,13 +144,6 @@ class Task:
     def columns(self) -> dict[str, Any]:
         """The outcome's columns and their types."""
         return get_type_hints(self.outcome)
-
-    @property
-    def optional(self) -> tuple[str, ...]:
-        """Columns that may hold nothing."""
-        return tuple(
-            name for name, kind in self.columns.items() if isinstance(kind, UnionType) and type(None) in get_args(kind)
-        )
 
     @property
     def score_names(self) -> tuple[str, ...]:

@@ -1,7 +1,5 @@
 """The oracle that knows its arm: as the plain one where that can do it, and better where it cannot."""
 
-import functools
-
 import gymnasium
 import numpy as np
 import pytest
@@ -10,18 +8,19 @@ from envs import ENVIRONMENTS
 from envs.arm.feasibility import Feasibility, TableFeasibility, table_feasibility
 from envs.block_push.arm import block_push_arm
 from envs.block_push.aware_oracle import AwareOracle
-from envs.block_push.oracle import Oracle, run_oracle
+from envs.block_push.oracle import Oracle
 from envs.block_push.outcome import summarize
 from envs.block_push.scene import draw_scene
 from envs.block_push.workspace import HEIGHT, WORKSPACE
+from envs.task import play_oracle
 
 pytestmark = pytest.mark.system
 
 
 def play(robot, seeds, spacing):
     env = gymnasium.make(ENVIRONMENTS[robot], disable_env_checker=True)
-    oracle = functools.partial(AwareOracle, table_feasibility(env.unwrapped.arm, spacing, WORKSPACE, HEIGHT))
-    return [run_oracle(env, seed, oracle) for seed in seeds]
+    table = table_feasibility(env.unwrapped.arm, spacing, WORKSPACE, HEIGHT)
+    return [play_oracle(env, seed, lambda info: AwareOracle(table, info["mode"])) for seed in seeds]
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +38,7 @@ def test_on_its_own_arm_it_follows_the_scenes_plan_and_places_both():
 
 def test_on_a_ur3_it_places_blocks_that_the_plain_one_cannot_get_behind(ur3):
     env = gymnasium.make(ENVIRONMENTS["ur3"], disable_env_checker=True)
-    assert not summarize(run_oracle(env, 50051)).p2
+    assert not summarize(play_oracle(env, 50051, lambda info: Oracle(info["mode"]))).p2
     assert summarize(ur3).p2
 
 

@@ -9,7 +9,6 @@ import pytest
 
 from envs.arm.feasibility import Feasibility, table_feasibility
 from envs.arm.inverse_kinematics import MAX_TURN
-from envs.arm.place_arm import other_branches
 from envs.arm.placed_arm import start_posture
 from envs.block_push.arm import block_push_arm
 from envs.block_push.scene import START
@@ -34,7 +33,7 @@ starts at x = .15 m does not show what is nearer."""
 @functools.cache
 def usual_table(robot, branch):
     arm = block_push_arm(robot, branch=branch)
-    return table_feasibility(arm, 0.04, WORKSPACE, HEIGHT, other_branches(arm, POSES))
+    return table_feasibility(arm, 0.04, WORKSPACE, HEIGHT)
 
 
 def radii(table):
@@ -83,13 +82,13 @@ def test_the_cause_is_what_binds():
     assert set(ur3.cause[radii(ur3) > 0.56]) == {Feasibility.OUT_OF_REACH}
     inner = (radii(ur10) > 0.23) & (radii(ur10) < 0.30)
     assert set(ur10.cause[inner]) == {Feasibility.SELF_COLLISION}
-    assert set(turned.cause[(radii(turned) > 0.40) & (radii(turned) < 0.55)]) == {Feasibility.WRONG_BRANCH}
+    assert set(turned.cause[(radii(turned) > 0.40) & (radii(turned) < 0.55)]) == {Feasibility.OUT_OF_REACH}
 
 
-def test_where_nothing_binds_nothing_but_reach_and_branch_is_a_cause():
+def test_where_nothing_binds_nothing_but_reach_is_a_cause():
     arm = block_push_arm("ur10", "original")
-    table = table_feasibility(arm, 0.04, WORKSPACE, HEIGHT, other_branches(arm, POSES))
-    assert set(np.unique(table.cause)) <= {Feasibility.FEASIBLE, Feasibility.OUT_OF_REACH, Feasibility.WRONG_BRANCH}
+    table = table_feasibility(arm, 0.04, WORKSPACE, HEIGHT)
+    assert set(np.unique(table.cause)) <= {Feasibility.FEASIBLE, Feasibility.OUT_OF_REACH}
     assert table.feasible.sum() > usual_table("ur10", "wrist_out").feasible.sum()
 
 

@@ -5,17 +5,22 @@ import numpy as np
 import pytest
 
 from envs import ENVIRONMENTS
-from envs.block_push.oracle import PLANS, Oracle, run_oracle
+from envs.block_push.oracle import PLANS, Oracle
 from envs.block_push.outcome import summarize
+from envs.task import play_oracle
 from richmap.task_spaces.block_push import BLOCKS, TARGETS
 
 pytestmark = pytest.mark.system
 
 
+def play(env, seed):
+    return play_oracle(env, seed, lambda info: Oracle(info["mode"]))
+
+
 @pytest.fixture(scope="module")
 def episodes():
     env = gymnasium.make(ENVIRONMENTS["xarm6"], disable_env_checker=True)
-    return [run_oracle(env, seed) for seed in range(50000, 50010)]
+    return [play(env, seed) for seed in range(50000, 50010)]
 
 
 def test_it_places_both_blocks_in_as_many_steps_as_the_originals(episodes):
@@ -53,7 +58,7 @@ def test_it_never_steps_farther_than_its_speed_allows():
 
 def test_a_ur3_fails_where_its_reach_ends():
     env = gymnasium.make(ENVIRONMENTS["ur3"], disable_env_checker=True)
-    outcomes = [summarize(run_oracle(env, seed)) for seed in (50014, 50015)]
+    outcomes = [summarize(play(env, seed)) for seed in (50014, 50015)]
     causes = {outcome.failure_cause for outcome in outcomes if not outcome.p2}
     assert causes == {"outer_reach"}
     failed = [outcome for outcome in outcomes if not outcome.p2]

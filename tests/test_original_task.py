@@ -266,10 +266,11 @@ def bullet_task():
 @pytest.mark.filterwarnings("ignore")  # PyBullet's own, as Python imports it.
 @pytest.mark.system
 def test_pybullets_own_xarm6_solves_the_papers_first_scene(bullet_task):
-    from envs.block_push.oracle import run_oracle
+    from envs.block_push.oracle import Oracle
+    from envs.task import play_oracle
 
     env = bullet_task.make.with_plain_observation(original_arm("xarm6", 0.0))
-    again = [run_oracle(env, seed) for seed in (100_000, 100_001, 100_000)]
+    again = [play_oracle(env, seed, lambda info: Oracle(info["mode"])) for seed in (100_000, 100_001, 100_000)]
     # diffusion_policy's own environment takes as many steps, which agree to the last bit.
     assert [len(infos) - 1 for infos in again] == [111, 111, 111] and all(infos[-1]["p2"] for infos in again)
     assert again[0] == again[2]

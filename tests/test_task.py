@@ -10,7 +10,7 @@ import envs
 from benchmark.settings.setting import SettingError
 from benchmark.settings.task import chosen_task
 from envs.block_push.arm import block_push_arm
-from envs.block_push.oracle import run_oracle
+from envs.block_push.oracle import Oracle
 from envs.block_push.task import BLOCK_PUSH
 from envs.task import Change, play_oracle
 from envs.tasks import TASKS
@@ -65,8 +65,8 @@ def test_a_line_of_history_raises_the_version_of_the_settings_that_it_names():
 def test_an_oracle_plays_the_same_episode_through_the_task_as_by_itself():
     arm = block_push_arm("xarm6")
     infos = play_oracle(BLOCK_PUSH.make(arm), 100_003, BLOCK_PUSH.oracle("plain")(arm))
-    assert BLOCK_PUSH.summarize(infos) == BLOCK_PUSH.summarize(
-        run_oracle(gymnasium.make(envs.ENVIRONMENTS["xarm6"]), 100_003)
-    )
+    env = gymnasium.make(envs.ENVIRONMENTS["xarm6"])
+    by_itself = play_oracle(env, 100_003, lambda info: Oracle(info["mode"]))
+    assert BLOCK_PUSH.summarize(infos) == BLOCK_PUSH.summarize(by_itself)
     with pytest.raises(ValueError, match="The task block_push has no aware oracle. It has: plain"):
         replace(BLOCK_PUSH, aware_oracle=None).oracle("aware")

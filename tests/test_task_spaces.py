@@ -18,7 +18,6 @@ def test_names_and_units_stand_where_the_numbers_are():
     numbers = np.arange(BLOCK_PUSH_SPACE.environment.width)
     assert numbers[BLOCK_PUSH_SPACE.environment["target"]].tolist() == [6, 7, 8]
     assert BLOCK_PUSH_SPACE.environment.units[8] == "rad"
-    assert BLOCK_PUSH_SPACE.action.describe() == "step: x, y [m]"
 
 
 def test_an_observation_is_split_and_put_together_again():

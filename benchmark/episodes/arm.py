@@ -91,20 +91,6 @@ def arm_columns(arm: "PlacedArm") -> dict[str, Any]:
     }
 
 
-def arm_of(row: Mapping[str, Any], task: "Task") -> "PlacedArm":
-    """The arm of a row of a task, as it stood.
-
-    Raises:
-        SettingError: If it is none of those that ship.
-    """
-    from envs.arm.place_arm import place_arm
-
-    try:
-        return place_arm(row["robot"], task.poses, row["setting"], **choices_of(row))
-    except ValueError as error:
-        raise SettingError(f"A row's arm: {error}") from error
-
-
 def choices_of(row: Mapping[str, Any]) -> dict[str, Any]:
     """What a row's arm is placed by, as `envs.arm.place_arm.place_arm` and `ArmConfig` have it."""
     from envs.arm.task_poses import FOUND

@@ -8,7 +8,6 @@ from richmap.worker import worker_pool
 
 if TYPE_CHECKING:
     from benchmark.episodes.episode import Condition, Episode
-    from envs.arm.placed_arm import PlacedArm
     from envs.task import Task
 
 
@@ -18,10 +17,6 @@ class Player(Protocol):
     @property
     def task(self) -> "Task":
         """What is played."""
-
-    @property
-    def arm(self) -> "PlacedArm":
-        """On what."""
 
     @property
     def condition(self) -> "Condition":

@@ -20,7 +20,6 @@ PREDICTORS = {
 }
 """What each is; more of it should mean less success."""
 
-MAP_PREDICTORS = ("mmd", "energy")
 
 TOOL_DOWN = (0.0, 1.0, 0.0, 0.0)
 """Of the flange in the world, qx, qy, qz, qw."""

@@ -1,6 +1,5 @@
 """Where on the table an arm can hold its tool upright in its branch, and what keeps it from elsewhere."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
@@ -32,11 +31,9 @@ class Feasibility(IntEnum):
 
     FEASIBLE = 0
     OUT_OF_REACH = 1
-    """No branch that was looked at, within the joint limits or without, brings the flange there."""
+    """The arm's branch does not bring the flange there, within the joint limits or without."""
     JOINT_LIMIT = 2
     """A joint would have to pass a limit that binds."""
-    WRONG_BRANCH = 3
-    """The arm reaches it in another of the branches that were looked at only."""
     SELF_COLLISION = 4
     """Two links would meet, triangle against triangle (`richmap.motion.collision`); the tool is not looked at."""
     OBSTACLE = 5
@@ -86,9 +83,7 @@ class TableFeasibility:
         return RegularGridInterpolator((self.x, self.y), distance)
 
 
-def table_feasibility(
-    arm: PlacedArm, spacing: float, box: Float[np.ndarray, "2 2"], height: float, others: Sequence[PlacedArm] = ()
-) -> TableFeasibility:
+def table_feasibility(arm: PlacedArm, spacing: float, box: Float[np.ndarray, "2 2"], height: float) -> TableFeasibility:
     """`feasibility` on a grid over the table.
 
     Args:
@@ -96,7 +91,6 @@ def table_feasibility(
         spacing: Of the grid, in [m]; it is made a little smaller where the box is no multiple of it.
         box: Lower and upper xy of the grid, in [m] in the world.
         height: Of the flange, in [m] in the world.
-        others: The arm in other branches, so as to tell what those reach.
 
     Raises:
         ValueError: If the spacing is not above 0 or exceeds the box.
@@ -106,30 +100,24 @@ def table_feasibility(
         raise ValueError(f"spacing must be above 0 and at most {size.min():g} m, the box's shorter side. Got {spacing}")
     x, y = (np.linspace(low, high, 1 + int(np.ceil((high - low) / spacing - 1e-9))) for low, high in box.T)
     points = np.stack(np.meshgrid(x, y, indexing="ij"), -1)
-    cause, rolls = _feasibility(arm, points.reshape(-1, 2), height, others)
+    cause, rolls = _feasibility(arm, points.reshape(-1, 2), height)
     return TableFeasibility(arm, x, y, cause.reshape(points.shape[:2]), rolls)
 
 
-def feasibility(
-    arm: PlacedArm, points: Float[np.ndarray, "n 2"], height: float, others: Sequence[PlacedArm] = ()
-) -> Int[np.ndarray, " n"]:
+def feasibility(arm: PlacedArm, points: Float[np.ndarray, "n 2"], height: float) -> Int[np.ndarray, " n"]:
     """`Feasibility` of holding the tool upright over points of the table, in [m] in the world, in the arm's branch.
 
     Limits and self-collision count where they bind. Arguments are those of `table_feasibility`; see `followed`. Where
     an arm of six joints would pass a limit, it may hold its round tool upright all the same, rolled about itself.
     """
-    return _feasibility(arm, points, height, others)[0]
+    return _feasibility(arm, points, height)[0]
 
 
-def _feasibility(
-    arm: PlacedArm, points: Float[np.ndarray, "n 2"], height: float, others: Sequence[PlacedArm]
-) -> tuple[Int[np.ndarray, " n"], bool]:
+def _feasibility(arm: PlacedArm, points: Float[np.ndarray, "n 2"], height: float) -> tuple[Int[np.ndarray, " n"], bool]:
     """`feasibility`, and whether the tool is rolled over some of the points."""
     robot, at_limit = arm.description, np.zeros(len(points), dtype=bool)
     reached, joints = followed(arm, points, height)
     cause = np.where(reached, Feasibility.FEASIBLE, Feasibility.OUT_OF_REACH)
-    for other in others if not reached.all() else ():
-        cause[followed(other, points, height)[0] & ~reached] = Feasibility.WRONG_BRANCH
     if arm.joint_limits:
         lower, upper = arm.joint_range
         passed = reached & ((joints < lower) | (joints > upper)).any(1)

@@ -193,15 +193,6 @@ def _usual(file: RobotFile | None, setting: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def other_branches(arm: PlacedArm, poses: TaskPoses) -> list[PlacedArm]:
-    """The same arm in the other branches that its file states."""
-    _, file = _description_and_file(arm.description)
-    names = [name for name in file.branches if name != arm.branch] if file else []
-    alike: dict[str, Any] = {"base": arm.base, "yaw": arm.yaw, "self_collision": arm.self_collision}
-    alike |= {name: getattr(arm, name) for name in ("orientation_weight", "narrowed", "tool_length", "delay")}
-    return [place_arm(arm.description, poses, arm.setting, branch=name, **alike) for name in names]
-
-
 def _description_and_file(robot: str | RobotDescription) -> tuple[RobotDescription, RobotFile | None]:
     """An arm, and its file if it ships; None for another arm, also for one that goes by such a name."""
     if isinstance(robot, str):

@@ -1,9 +1,7 @@
 """The scripted expert: pushes one block into one target, turns it where needed, then does the other."""
 
 import math
-from collections.abc import Callable
 
-import gymnasium
 import numpy as np
 from jaxtyping import Float
 
@@ -125,22 +123,3 @@ def _near(a: Float[np.ndarray, "2"], b: Float[np.ndarray, "2"]) -> bool:
 def quarter_turn_error(angle: float) -> float:
     """The angle modulo a quarter turn, in [-pi/4, pi/4]: a cube looks the same after one."""
     return (angle + math.pi / 4) % (math.pi / 2) - math.pi / 4
-
-
-def run_oracle(
-    env: gymnasium.Env, seed: int, make_oracle: Callable[[int], Callable[[np.ndarray], np.ndarray]] = Oracle
-) -> list[dict]:
-    """One episode in an environment with `obs_type="state"`: the infos of the reset and of every step.
-
-    Args:
-        env: The environment.
-        seed: Of the episode's scene.
-        make_oracle: Gives the oracle for a scene's plan.
-    """
-    observation, info = env.reset(seed=seed)
-    oracle, infos, over = make_oracle(info["mode"]), [info], False
-    while not over:
-        observation, _, terminated, truncated, info = env.step(oracle(observation))
-        infos.append(info)
-        over = terminated or truncated
-    return infos

@@ -1,9 +1,7 @@
 """The capability map of one robot: full orientations per cell, queries for 6-D poses, and its file."""
 
-import hashlib
 import json
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import no_type_check
 
@@ -111,14 +109,6 @@ class CapabilityMap:
         """Bytes of all arrays."""
         return self.start.nbytes + self.quaternions.nbytes + self.joints.nbytes + self.limits.nbytes
 
-    @cached_property
-    def content_hash(self) -> str:
-        """SHA-256 over grid, orientations and configurations."""
-        digest = hashlib.sha256(repr(self.grid).encode())
-        for array in (self.start, self.quaternions.T, self.joints, self.limits):
-            digest.update(np.ascontiguousarray(array).data)
-        return digest.hexdigest()
-
     def configurations(self, rows: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n dof"]:
         """Configurations stored with these rows of `quaternions`, in [rad]."""
         lower, upper = self.limits
@@ -137,24 +127,6 @@ class CapabilityMap:
         squared = np.float32(np.cos(self.construction.theta / 2) ** 2)
         cells = self.grid.cells_of(positions)
         return _any_near(cells, quaternions_of(rotations), self.start, self.quaternions.T, squared)
-
-    def nearest(
-        self, positions: Float[np.ndarray, "n 3"], rotations: Float[np.ndarray, "n 3 3"]
-    ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Nearest stored orientation in the cell of each pose.
-
-        Args:
-            positions: Flange positions in the base frame, in [m].
-            rotations: Flange orientations in the base frame; columns are the flange's axes.
-
-        Returns:
-            Row of `quaternions` and `joints` (-1 where the cell is empty or outside the grid), and the angle to it in
-            [rad] (pi where there is none).
-        """
-        positions, _ = checked_poses(positions, rotations[..., 2])
-        cells = self.grid.cells_of(positions)
-        row, squared = _nearest(cells, quaternions_of(rotations), self.start, self.quaternions.T)
-        return row, np.where(row >= 0, 2 * np.arccos(np.sqrt(np.clip(squared, 0, 1))), np.pi)
 
     def save(self, path: Path) -> None:
         """Write the map as one safetensors file, atomically."""
@@ -214,22 +186,3 @@ def _any_near(cells, quaternions, start, stored, squared):
                     found[i] = True
                     break
     return found
-
-
-@numba.njit(cache=True, parallel=True, nogil=True)
-@no_type_check
-def _nearest(cells, quaternions, start, stored):
-    rows = np.full(len(cells), -1, dtype=np.int64)
-    squares = np.full(len(cells), -1.0, dtype=np.float32)
-    for i in numba.prange(len(cells)):
-        if cells[i] >= 0:
-            q, last = quaternions[i], start[cells[i] + 1]
-            for first in range(start[cells[i]], last, CHUNK):
-                end = min(first + CHUNK, last)
-                if _hits(stored, first, end, q, squares[i]) > 0:
-                    for k in range(first, end):
-                        product = stored[0, k] * q[0] + stored[1, k] * q[1] + stored[2, k] * q[2] + stored[3, k] * q[3]
-                        if product * product > squares[i]:
-                            squares[i] = product * product
-                            rows[i] = k
-    return rows, squares

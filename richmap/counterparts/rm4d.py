@@ -70,12 +70,6 @@ class RM4D:
         _look_up(positions, directions, *self.cells.for_kernels(), self.hit.reshape(-1), reachable)
         return reachable
 
-    def score(
-        self, positions: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
-    ) -> Float[np.ndarray, " n"]:
-        """1 where the cell of a pose is marked, else 0; arguments as for `reachable`."""
-        return self.reachable(positions, directions).astype(np.float32)
-
     def save(self, path: Path) -> None:
         """Write the map as one safetensors file, atomically."""
         about = {

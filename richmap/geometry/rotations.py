@@ -1,25 +1,10 @@
-"""Rotations as unit quaternions: the angle between two, how many fit into SO(3), and quick conversion."""
+"""Rotations as unit quaternions, by a quick conversion."""
 
 from typing import no_type_check
 
 import numba
 import numpy as np
 from jaxtyping import Float
-
-
-def capacity_bound_so3(theta: float) -> float:
-    """Upper bound on rotations with mutual separation `theta`, in [rad] (RichMap, "Full quaternion representation").
-
-    SO(3) has volume pi^2 and a ball of radius psi has pi (psi - sin psi); balls of radius theta / 2 do not overlap.
-    Inserting random rotations one after the other ends far below: at theta = 0.4 rad nothing of the last of ten million
-    fitted into a cell of 885 any more, of 2360 by the bound.
-    """
-    return np.pi / (theta / 2 - np.sin(theta / 2))
-
-
-def rotation_angle(a: Float[np.ndarray, "*#n 4"], b: Float[np.ndarray, "*#n 4"]) -> Float[np.ndarray, "*n"]:
-    """Angle of the rotation from one unit quaternion to the other, in [rad] from 0 to pi: 2 arccos |a . b|."""
-    return 2 * np.arccos(np.minimum(np.abs((a * b).sum(-1)), 1))
 
 
 def quaternions_of(rotations: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 4"]:

@@ -88,16 +88,3 @@ class Layout:
     def index(self, part: "Layout") -> Int[np.ndarray, " n"]:
         """Where the numbers of a smaller layout are in this one."""
         return np.concatenate([np.r_[self[name]] for name in part.part_names])
-
-    def describe(self) -> str:
-        """In a line, as documents have it: `block: x, y [m], yaw [rad]; ...`."""
-        return "; ".join(f"{part.name}: {_with_units(part)}" for part in self.parts)
-
-
-def _with_units(part: Part) -> str:
-    """Entries with the unit after the last one of a run that shares it."""
-    said = []
-    for i, (entry, unit) in enumerate(zip(part.entries, part.units, strict=True)):
-        last = i + 1 == len(part.units) or part.units[i + 1] != unit
-        said.append(f"{entry} [{unit}]" if last and unit != "1" else entry)
-    return ", ".join(said)

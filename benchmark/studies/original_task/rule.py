@@ -15,8 +15,6 @@ import pandas as pd
 
 PAPER = {"ur3": (64.64, 91.34), "ur5": (95.15, 94.60), "ur10": (75.96, 82.72)}
 """The paper's table: direct and guided, in percent."""
-PAPER_SOURCE = 95.40
-"""And its source policies on the xArm6."""
 FIRST_X = (0.0, 0.04, 0.05, 0.06, 0.07)
 """Bases of the first stage: how far nearer to the table than the xArm6's, in [m]."""
 FIRST_LAMBDAS = (0.0, 0.5, 1.0)

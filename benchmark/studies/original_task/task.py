@@ -1,6 +1,5 @@
 """The original task as the rollouts know tasks: its environment on an arm, and what an episode came to."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -131,11 +130,3 @@ def original_task(assets: str, response: Response | None = None) -> Task:
 def original_arm(robot: str, x: float) -> PlacedArm:
     """An arm as it stands there: wrist out, without self-collision or limits, moved by x, in [m], to the table."""
     return block_push_arm(robot, "original", base=(x, 0.0, 0.0))
-
-
-def play_oracle_in(task: Task, arm: PlacedArm) -> Callable[[int], OriginalOutcome]:
-    """Plays the plain oracle in the scene of a seed."""
-    from envs.task import play_oracle
-
-    env, prepared = task.make(arm), task.oracle("plain")(arm)
-    return lambda seed: summarize(play_oracle(env, seed, prepared))
