@@ -189,6 +189,27 @@ class Task:
         return there[name]
 
 
+def make_environment(
+    environment: str, arm: Any, render_mode: str | None = None, picture: tuple[int, int] | None = None
+) -> gymnasium.Env:
+    """A registered environment on an arm (`envs.arm.placed_arm.PlacedArm`), as `Task.make` gives it, with a picture of
+    this width and height, in pixels, in place of the state of what is around the arm."""
+    seen: dict[str, Any] = {"obs_type": "environment_state_agent_pos"}
+    if picture is not None:
+        width, height = picture
+        seen = {"obs_type": "pixels_agent_pos", "observation_width": width, "observation_height": height}
+    return gymnasium.make(environment, arm=arm, render_mode=render_mode, **seen)
+
+
+def acting_on_dict(space: TaskSpace, oracle: Callable[[np.ndarray], np.ndarray]) -> Controller:
+    """A scripted expert that is shown whole observations, put together again of those of `Task.make`'s environment."""
+
+    def act(observation: dict[str, np.ndarray]) -> np.ndarray:
+        return oracle(space.join(observation["agent_pos"], observation["environment_state"]))
+
+    return act
+
+
 def play_oracle(env: gymnasium.Env, seed: int, make: Callable[[dict[str, Any]], Controller]) -> list[dict[str, Any]]:
     """One episode of a scripted expert: the infos of the reset and of every step.
 

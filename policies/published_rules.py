@@ -24,8 +24,36 @@ REPEATS = 4
 """How often actions are denoised at each level of noise by DynaGuide and ITPS, as in their authors' experiments."""
 
 
+class _Sloped(Guidance):
+    """A rule in which actions descend a cost's slope along the chunk."""
+
+    looks_ahead = True
+
+    def __init__(self, cost: Descent | PoseDescent) -> None:
+        self.cost = cost
+
+    def descent(
+        self, actions: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
+    ) -> Float[Tensor, "b t action"]:
+        return self.cost.descent(actions, state)
+
+
+class _Projected(Guidance):
+    """A rule that ends with a chunk inside of what the arm can hold."""
+
+    settles = True
+
+    def __init__(self, projection: Projection) -> None:
+        self.projection = projection
+
+    def correct(
+        self, chunk: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
+    ) -> Float[Tensor, "b t action"]:
+        return self.projection.correct(chunk, state)
+
+
 @final
-class DynaGuide(Guidance):
+class DynaGuide(_Sloped):
     r"""Classifier guidance with the noise's own schedule, and repeated steps (DynaGuide, arXiv 2506.13922).
 
     The predicted noise becomes :math:`\bar\epsilon = \epsilon + s \sqrt{1 - \bar\alpha_t}\, \nabla_a U(\hat a_0)`: the
@@ -34,23 +62,14 @@ class DynaGuide(Guidance):
     no field of ours has learned of noisy ones like the paper's dynamics.
     """
 
-    looks_ahead = True
     repeats = REPEATS
-
-    def __init__(self, cost: Descent | PoseDescent) -> None:
-        self.cost = cost
-
-    def descent(
-        self, actions: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
-    ) -> Float[Tensor, "b t action"]:
-        return self.cost.descent(actions, state)
 
     def weight(self, alpha: Float[Tensor, ""], share: float) -> Float[Tensor, ""]:
         return (1 - alpha).sqrt()
 
 
 @final
-class StochasticSampling(Guidance):
+class StochasticSampling(_Sloped):
     r"""Several MCMC steps at each level of noise (ITPS, arXiv 2411.16627, Eq. 5 and Algorithm 1).
 
     A step is :math:`a_t \leftarrow a_t - \gamma_t (\epsilon + \beta \nabla_a U(a_t)) + \sigma_t \eta`, the slope taken
@@ -59,24 +78,15 @@ class StochasticSampling(Guidance):
     actions anew.
     """
 
-    looks_ahead = True
     looks_at_noise = True
     repeats = REPEATS
-
-    def __init__(self, cost: Descent | PoseDescent) -> None:
-        self.cost = cost
-
-    def descent(
-        self, actions: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
-    ) -> Float[Tensor, "b t action"]:
-        return self.cost.descent(actions, state)
 
     def weight(self, alpha: Float[Tensor, ""], share: float) -> Float[Tensor, ""]:
         return torch.ones_like(alpha)
 
 
 @final
-class FinalConstraint(Guidance):
+class FinalConstraint(_Projected):
     r"""Constrains the final sample alone, by a receding horizon (DiRecT, arXiv 2606.15359).
 
     After each denoising step the clean actions :math:`\tilde a_0` are predicted from what it left, and projected to
@@ -84,11 +94,6 @@ class FinalConstraint(Guidance):
     :math:`a \leftarrow a + \sqrt{\bar\alpha}\,(\hat a_0 - \tilde a_0)`, which themselves may be anywhere. After the
     last step the sample is projected. The paper's further cost of the clean sample is left out.
     """
-
-    settles = True
-
-    def __init__(self, projection: Projection) -> None:
-        self.projection = projection
 
     def settle(
         self,
@@ -103,11 +108,6 @@ class FinalConstraint(Guidance):
         predicted = clean()
         return actions + alpha.sqrt() * (self.projection.correct(predicted, state) - predicted)
 
-    def correct(
-        self, chunk: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
-    ) -> Float[Tensor, "b t action"]:
-        return self.projection.correct(chunk, state)
-
 
 LATE = 0.5
 """Share of the noise's levels, from the clean end on, at which DPCC projects (`diffusion_timestep_threshold` of the
@@ -115,17 +115,12 @@ authors' code)."""
 
 
 @final
-class TightenedProjection(Guidance):
+class TightenedProjection(_Projected):
     r"""Projects noisy actions onto a tightened set after each of the later denoising steps (DPCC, arXiv 2412.09342).
 
     The set is :math:`\{d(p_k) \le -\delta\}` over the places :math:`p_k` that the actions lead to by the task's own
     model, and :math:`\delta` what that model may be wrong by. After the last step the chunk is projected, too.
     """
-
-    settles = True
-
-    def __init__(self, projection: Projection) -> None:
-        self.projection = projection
 
     def settle(
         self,
@@ -136,11 +131,6 @@ class TightenedProjection(Guidance):
         state: Float[Tensor, "b state"],
     ) -> Float[Tensor, "b t action"]:
         return actions if share > LATE or alpha == 1 else self.projection.correct(actions, state)
-
-    def correct(
-        self, chunk: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
-    ) -> Float[Tensor, "b t action"]:
-        return self.projection.correct(chunk, state)
 
 
 STEEPNESS, TURN = 50.0, 0.7
@@ -154,23 +144,13 @@ def held_back(share: float) -> float:
 
 
 @final
-class BarrierInScore(Guidance):
+class BarrierInScore(_Sloped):
     r"""A barrier's slope in the score, more of it the less noise there is (CoDiG, arXiv 2505.13131).
 
     The score becomes :math:`s - \gamma_t \nabla_a B(\hat a_0)`, so the predicted noise
     :math:`\epsilon + \gamma_t \sqrt{1 - \bar\alpha_t}\, \nabla_a B(\hat a_0)`, with
     :math:`\gamma_t = \gamma / (1 + e^{-\beta (c - t / T)})`.
     """
-
-    looks_ahead = True
-
-    def __init__(self, barrier: Descent) -> None:
-        self.barrier = barrier
-
-    def descent(
-        self, actions: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
-    ) -> Float[Tensor, "b t action"]:
-        return self.barrier.descent(actions, state)
 
     def weight(self, alpha: Float[Tensor, ""], share: float) -> Float[Tensor, ""]:
         return (1 - alpha).sqrt() / held_back(share)

@@ -83,8 +83,18 @@ class TrackingCost:
         return left[0], left[1]
 
 
+class _Tracked(Guidance):
+    """A rule that looks at what the arm's controller leaves of chunks, and follows the arm for that."""
+
+    def __init__(self, cost: TrackingCost, scale: float) -> None:
+        self.cost, self.scale = cost, scale
+
+    def reset(self, rows: Sequence[int] | None) -> None:
+        self.cost.rows.reset(rows)
+
+
 @final
-class ControllerDescent(Guidance):
+class ControllerDescent(_Tracked):
     r"""The slope of the controller's tracking cost, before each denoising step (EADP, arXiv 2510.02614).
 
     The noisy actions become :math:`a - \lambda \bar\alpha_t \nabla_a L(a)` and are then denoised, as in the authors'
@@ -93,12 +103,6 @@ class ControllerDescent(Guidance):
     """
 
     settles = True
-
-    def __init__(self, cost: TrackingCost, scale: float) -> None:
-        self.cost, self.scale = cost, scale
-
-    def reset(self, rows: Sequence[int] | None) -> None:
-        self.cost.rows.reset(rows)
 
     def settle(
         self,
@@ -112,18 +116,16 @@ class ControllerDescent(Guidance):
 
 
 @final
-class RankByTracking(Guidance):
+class RankByTracking(_Tracked):
     """Of several sampled chunks, rolled forward by a model, the one that comes out best (GPC-RANK, arXiv 2502.00622).
 
     The paper's model of the world is learned and says what is gained; ours is the arm's controller, and says what it
     leaves. The first of equals is taken.
     """
 
-    def __init__(self, cost: TrackingCost, samples: int) -> None:
-        self.cost, self.samples = cost, samples
-
-    def reset(self, rows: Sequence[int] | None) -> None:
-        self.cost.rows.reset(rows)
+    def __init__(self, cost: TrackingCost, scale: float) -> None:
+        super().__init__(cost, scale)
+        self.samples = int(scale)
 
     def choose(
         self, chunks: Float[Tensor, "b n t action"], state: Float[Tensor, "b state"]
@@ -133,18 +135,12 @@ class RankByTracking(Guidance):
 
 
 @final
-class RefineByTracking(Guidance):
+class RefineByTracking(_Tracked):
     r"""A sampled chunk, refined by its slope through a model (GPC-OPT, arXiv 2502.00622).
 
     :math:`a \leftarrow a - \lambda \nabla_a L(a)`, until the controller leaves next to nothing, or so many times
     (`STEPS`); the model is that of `RankByTracking`.
     """
-
-    def __init__(self, cost: TrackingCost, scale: float) -> None:
-        self.cost, self.scale = cost, scale
-
-    def reset(self, rows: Sequence[int] | None) -> None:
-        self.cost.rows.reset(rows)
 
     def correct(
         self, chunk: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]
@@ -167,7 +163,7 @@ def eadp(given: Setup) -> ControllerDescent:
 
 def gpc_rank(given: Setup) -> RankByTracking:
     """GPC-RANK's rule."""
-    return RankByTracking(_cost(given), int(given.scale))
+    return RankByTracking(_cost(given), given.scale)
 
 
 def gpc_opt(given: Setup) -> RefineByTracking:

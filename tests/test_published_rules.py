@@ -111,7 +111,7 @@ def test_the_slope_comes_in_as_each_paper_has_it(model, distance):
     sample, none = 0.3 * torch.ones(1, 4, 2), torch.zeros(1, 4, 2)
     for name, expected in share.items():
         guidance = method(name, 2.0, distance)
-        field = (guidance.barrier if name == "codig" else guidance.cost).field
+        field = guidance.cost.field
 
         def cost(actions, field=field):
             places = (EDGE[:, None, 2:] + UNIT * actions.cumsum(1)).reshape(-1, 2).numpy()

@@ -41,14 +41,10 @@ def play_all(jobs: "Iterable[tuple[Player, Iterable[int]]]", workers: int) -> "I
         yield from (player.play(group) for player, group in groups)
         return
     with worker_pool(min(workers, len(groups))) as pool:
-        left = {pool.submit(_played, player, group) for player, group in groups}
+        left = {pool.submit(player.play, group) for player, group in groups}
         for played in as_completed([*left]):
             left.remove(played)
             if error := played.exception():
                 yield from [each.result() for each in left if each.done() and not each.exception()]
                 raise error
             yield played.result()
-
-
-def _played(player: Player, group: Sequence[int]) -> "list[Episode]":
-    return player.play(group)

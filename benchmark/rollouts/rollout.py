@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     from benchmark.rollouts.stock_policy import StockPolicy
     from envs.arm.placed_arm import PlacedArm
-    from policies.arm_controller import ArmController
-    from policies.episode_model import EpisodeModel
     from policies.modeling_guided_push import GuidedPushPolicy
     from richmap.similarity.signed_distance import SignedDistanceField
 
@@ -189,8 +187,9 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
     policy = checked_policy(rollout.checkpoint, config)
     if method is not None and method.asks_the_arm:
         field = None if rollout.field is None else load_field(rollout.field)
-        model = _model(rollout) if method.imagines else None
-        controller = _controller(rollout) if method.follows else None
+        task, arm = rollout.task, rollout.arm  # Methods that the task has nothing for are refused at the door.
+        model = task.model(arm) if method.imagines and task.model else None
+        controller = task.controller(arm) if method.follows and task.controller else None
         among = _among(rollout) if method.keeps_off(rollout.arm.obstacles) else None
         policy.guidance = method.make(
             Setup(scale, field, config.guidance_base, config.guidance_seed, config.space, model, controller, among)
@@ -212,34 +211,6 @@ def _among(rollout: Rollout) -> "Callable[[np.ndarray], SignedDistanceField] | N
 
     in_branch = None if rollout.in_branch is None else ReachabilityMap.load(rollout.in_branch)
     return rollout.task.holding and rollout.task.holding(rollout.arm, in_branch)
-
-
-def _model(rollout: Rollout) -> "EpisodeModel":
-    """What episodes are imagined with.
-
-    Raises:
-        SettingError: If the task has nothing for it.
-    """
-    if rollout.task.model is None:
-        raise SettingError(
-            f"method={rollout.condition.method} imagines episodes, and {rollout.task.name} has no model to do that "
-            "with. Choose another method."
-        )
-    return rollout.task.model(rollout.arm)
-
-
-def _controller(rollout: Rollout) -> "ArmController":
-    """What says where commands lead the arm.
-
-    Raises:
-        SettingError: If the task has none.
-    """
-    if rollout.task.controller is None:
-        raise SettingError(
-            f"method={rollout.condition.method} asks the arm's own controller, and {rollout.task.name} says of none. "
-            "Choose another method."
-        )
-    return rollout.task.controller(rollout.arm)
 
 
 def _environment(rollout: Rollout, slot: int, render: bool) -> gymnasium.Env:

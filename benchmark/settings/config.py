@@ -96,8 +96,10 @@ def unfit(method: str, task: "Task") -> str:
         return f"it is for {' and '.join(BY_TASK[method])} alone" if method in BY_TASK else ""
     if why := METHODS[method].refusal(task.space):
         return why
-    imagines = METHODS[method].imagines and task.model is None
-    return f"it imagines episodes, and {task.name} has no model to do that with" if imagines else ""
+    if METHODS[method].imagines and task.model is None:
+        return f"it imagines episodes, and {task.name} has no model to do that with"
+    asks = METHODS[method].follows and task.controller is None
+    return f"it asks the arm's own controller, and {task.name} says of none" if asks else ""
 
 
 def check_method(name: str, setting: str, methods: Iterable[str], task: "Task") -> None:

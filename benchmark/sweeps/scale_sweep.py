@@ -14,6 +14,7 @@ from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.scoring.scale_table import CHOSEN_FOR
 from benchmark.settings.command import SettingError, check_setting
 from benchmark.settings.config import LimitsConfig, RunConfig, check_method
+from benchmark.settings.limits import EPISODE_SECONDS
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.recipe import USUAL
 from benchmark.settings.robot_config import ArmConfig, RobotConfig, robot_field
@@ -35,10 +36,6 @@ if TYPE_CHECKING:
 
 COLLAPSE = 0.5
 """A method's sweep ends when the score that ranks falls below this part of direct transfer's."""
-
-
-EPISODE_SECONDS = 0.3
-"""About what an episode on a UR3, where many last long, takes on one core; for the budget."""
 
 
 @dataclass

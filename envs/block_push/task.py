@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import Any
 
 import gymnasium
-import numpy as np
 
 from envs import BLOCK_PUSH as BLOCK_PUSH_ID
 from envs import ENVIRONMENTS, MAX_EPISODE_STEPS
@@ -14,7 +13,7 @@ from envs.block_push.outcome import EpisodeOutcome, summarize
 from envs.block_push.scene import draw_scene
 from envs.block_push.workspace import DESCRIPTION, HEIGHT, POSES, WORKSPACE
 from envs.demonstrator import Demonstrator, EpisodeRequest, Step
-from envs.task import Change, Controller, Score, Task, Trait
+from envs.task import Change, Controller, Score, Task, Trait, acting_on_dict, make_environment
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
 SPACING = 0.01
@@ -22,20 +21,15 @@ SPACING = 0.01
 
 
 def make(arm: Any, render_mode: str | None = None, picture: tuple[int, int] | None = None) -> gymnasium.Env:
-    """The environment on an arm (`envs.arm.placed_arm.PlacedArm`), with a picture of this width and height, in pixels,
-    in place of the state of blocks and targets."""
-    seen: dict[str, Any] = {"obs_type": "environment_state_agent_pos"}
-    if picture is not None:
-        width, height = picture
-        seen = {"obs_type": "pixels_agent_pos", "observation_width": width, "observation_height": height}
-    return gymnasium.make(BLOCK_PUSH_ID, arm=arm, render_mode=render_mode, **seen)
+    """The environment on an arm (`envs.task.make_environment`)."""
+    return make_environment(BLOCK_PUSH_ID, arm, render_mode, picture)
 
 
 def plain_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
     """The original's scripted expert."""
     from envs.block_push.oracle import Oracle
 
-    return lambda info: _acting_on_dict(Oracle(info["mode"]))
+    return lambda info: acting_on_dict(BLOCK_PUSH_SPACE, Oracle(info["mode"]))
 
 
 def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
@@ -46,7 +40,9 @@ def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
 
     table = table_feasibility(arm, SPACING, WORKSPACE, HEIGHT)
     among = Among(arm, table) if arm.obstacles else None
-    return lambda info: _acting_on_dict(AwareOracle(among.table(info["obstacles"]) if among else table, info["mode"]))
+    return lambda info: acting_on_dict(
+        BLOCK_PUSH_SPACE, AwareOracle(among.table(info["obstacles"]) if among else table, info["mode"])
+    )
 
 
 def holding(arm: Any, in_branch: Any = None) -> Any:
@@ -68,15 +64,6 @@ def demonstrate(asked: EpisodeRequest) -> list[Step]:
     from envs.block_push.demonstrator import play
 
     return play(asked)
-
-
-def _acting_on_dict(oracle: Callable[[np.ndarray], np.ndarray]) -> Controller:
-    """Puts the whole observation together again."""
-
-    def act(observation: dict[str, np.ndarray]) -> np.ndarray:
-        return oracle(BLOCK_PUSH_SPACE.join(observation["agent_pos"], observation["environment_state"]))
-
-    return act
 
 
 def far_target_first(episodes: Any) -> Any:

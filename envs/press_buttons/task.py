@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import Any
 
 import gymnasium
-import numpy as np
 
 from envs import PRESS_BUTTONS as PRESS_BUTTONS_ID
 from envs import PRESS_BUTTONS_ENVIRONMENTS
@@ -13,18 +12,13 @@ from envs.demonstrator import Demonstrator, EpisodeRequest, Step
 from envs.press_buttons.failure import CAUSES
 from envs.press_buttons.outcome import PressOutcome, summarize
 from envs.press_buttons.workspace import DESCRIPTION, MAX_EPISODE_STEPS, POSES
-from envs.task import Change, Controller, Score, Task, Trait
+from envs.task import Change, Controller, Score, Task, Trait, acting_on_dict, make_environment
 from richmap.task_spaces.press_buttons import PRESS_BUTTONS_SPACE
 
 
 def make(arm: Any, render_mode: str | None = None, picture: tuple[int, int] | None = None) -> gymnasium.Env:
-    """The environment on an arm (`envs.arm.placed_arm.PlacedArm`), with a picture of this width and height, in pixels,
-    in place of the state of the buttons."""
-    seen: dict[str, Any] = {"obs_type": "environment_state_agent_pos"}
-    if picture is not None:
-        width, height = picture
-        seen = {"obs_type": "pixels_agent_pos", "observation_width": width, "observation_height": height}
-    return gymnasium.make(PRESS_BUTTONS_ID, arm=arm, render_mode=render_mode, **seen)
+    """The environment on an arm (`envs.task.make_environment`)."""
+    return make_environment(PRESS_BUTTONS_ID, arm, render_mode, picture)
 
 
 def draw_scene(seed: int) -> Any:
@@ -38,7 +32,7 @@ def plain_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
     """The expert that presses the scene's pair."""
     from envs.press_buttons.oracle import Oracle
 
-    return lambda info: _acting_on_dict(Oracle(info["pair"]))
+    return lambda info: acting_on_dict(PRESS_BUTTONS_SPACE, Oracle(info["pair"]))
 
 
 def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
@@ -46,7 +40,7 @@ def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
     from envs.press_buttons.oracle import Oracle, aware_pair
 
     choose = aware_pair(arm)
-    return lambda info: _acting_on_dict(Oracle(choose(info)))
+    return lambda info: acting_on_dict(PRESS_BUTTONS_SPACE, Oracle(choose(info)))
 
 
 def model(arm: Any) -> Any:
@@ -68,15 +62,6 @@ def demonstrate(asked: EpisodeRequest) -> list[Step]:
     from envs.press_buttons.demonstrator import play
 
     return play(asked)
-
-
-def _acting_on_dict(oracle: Callable[[np.ndarray], np.ndarray]) -> Controller:
-    """Puts the whole observation together again."""
-
-    def act(observation: dict[str, np.ndarray]) -> np.ndarray:
-        return oracle(PRESS_BUTTONS_SPACE.join(observation["agent_pos"], observation["environment_state"]))
-
-    return act
 
 
 def pressed_wrongly(episodes: Any) -> Any:
