@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from benchmark.artifacts.maps import energy_field, robot_map
-from benchmark.settings.command import check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_file
 from benchmark.settings.robot_config import RobotConfig, robot_field
+from benchmark.settings.setting import check_counts
 from richmap.progress import plain_console
 
 
@@ -30,7 +31,7 @@ class BuildMapsConfig:
     energy: EnergyConfig = field(default_factory=EnergyConfig)
 
     def __post_init__(self) -> None:
-        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        check_counts(self, "workers")
         if self.output is not None:
             check_file(self.output)
 

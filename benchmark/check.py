@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.map_config import MapConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.robot_config import RobotConfig, robot_field
+from benchmark.settings.setting import SettingError, check_choice, check_setting
 from benchmark.settings.task import chosen_task
 from richmap.robots import ROBOTS
 
@@ -115,7 +116,7 @@ class CheckConfig:
     map: MapConfig = field(default_factory=MapConfig)
 
     def __post_init__(self) -> None:
-        check_setting(self.colour in ("reason", "mmd"), "colour", self.colour, "reason, mmd")
+        check_choice("colour", self.colour, ("reason", "mmd"))
         check_setting(0 < self.speed < math.inf, "speed", self.speed, "a number above 0")
         check_setting(self.fps is None or 0 < self.fps <= 1e4, "fps", self.fps, "a number above 0, or null")
         check_setting(1 <= self.scenes <= 1000, "scenes", self.scenes, "a whole number from 1 to 1000")

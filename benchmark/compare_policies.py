@@ -8,10 +8,11 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.config import RunConfig
 from benchmark.settings.robot_config import ArmConfig, RobotConfig, robot_field
 from benchmark.settings.scenes import VALIDATION
+from benchmark.settings.setting import SettingError, check_setting
 
 if TYPE_CHECKING:
     import pandas as pd

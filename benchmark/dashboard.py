@@ -7,8 +7,9 @@ import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from benchmark.settings.command import SettingError, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.config import WandbConfig
+from benchmark.settings.setting import SettingError
 from benchmark.settings.task import chosen_task
 
 if TYPE_CHECKING:

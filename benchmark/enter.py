@@ -23,11 +23,12 @@ from benchmark.episodes.arm import chosen_arms
 from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.sent_rows import nearest, otherwise, refusals
 from benchmark.scoring.ranking import Protocol, protocols_of
-from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.config import ConditionConfig, LimitsConfig, RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.robot_config import PAPER_ARMS, RobotConfig
 from benchmark.settings.scenes import FIRST_TEST_SEED, VALIDATION
+from benchmark.settings.setting import SettingError, check_setting
 from benchmark.settings.suite import suite_conditions, suite_scenes, tasks_of
 from benchmark.settings.task import chosen_task
 from richmap.outputs import missing_folders, remove_empty, replacing

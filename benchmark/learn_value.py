@@ -6,12 +6,13 @@ python -m benchmark.learn_value task=press_buttons robot=ur3
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.config import RunConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.recipe import USUAL, check_recipe
 from benchmark.settings.robot_config import ArmConfig, RobotConfig, robot_field
 from benchmark.settings.scenes import IMAGINED
+from benchmark.settings.setting import SettingError, check_choice, check_counts, check_setting
 from benchmark.settings.task import chosen_task
 from richmap.robots import SETTINGS
 
@@ -51,12 +52,11 @@ class LearnValueConfig:
     def __post_init__(self) -> None:
         task = chosen_task(self.task)
         check_setting(task.name == "press_buttons" and task.model is not None, "task", self.task, "press_buttons")
-        check_setting(self.setting in SETTINGS, "setting", self.setting, ", ".join(SETTINGS))
+        check_choice("setting", self.setting, SETTINGS)
         check_recipe(self.recipe)
         own = bool(self.seeds) and len({*self.seeds}) == len(self.seeds)
         check_setting(own, "seeds", self.seeds, "different training seeds, as in seeds=[42,43]")
-        for name in ("each", "samples", "steps", "workers"):
-            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_counts(self, "each", "samples", "steps", "workers")
         for name in ("rounds", "seed"):
             check_setting(getattr(self, name) >= 0, name, getattr(self, name), "a whole number >= 0")
         check_setting(self.scenes >= 10, "scenes", self.scenes, "a whole number >= 10")

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.paths import check_file
 from benchmark.settings.robot_config import RobotConfig, robot_field
+from benchmark.settings.setting import SettingError, check_setting
 
 
 @dataclass

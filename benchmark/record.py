@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.rollouts.video import record, write_film
-from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.config import ORACLE_METHODS, RunConfig
 from benchmark.settings.replay_config import ReplayConfig
 from benchmark.settings.robot_config import SOURCE
+from benchmark.settings.setting import SettingError, check_setting
 
 if TYPE_CHECKING:
     from rich.console import Console

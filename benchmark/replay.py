@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 from benchmark.episodes.episode import NOT_REPLAYED, differences
 from benchmark.rollouts.row_rollout import check_arm, check_version, row_rollout, row_settings
-from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.config import ORACLE_METHODS
 from benchmark.settings.replay_config import ReplayConfig
+from benchmark.settings.setting import SettingError, check_setting
 from benchmark.settings.task import chosen_task
 
 if TYPE_CHECKING:

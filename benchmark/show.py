@@ -9,9 +9,10 @@ python -m benchmark.show table=outputs/sweep eval_info=outputs/lerobot
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.paths import check_folder
 from benchmark.settings.recipe import USUAL, check_recipe
+from benchmark.settings.setting import SettingError, check_setting
 from benchmark.settings.suite import suite_conditions, tasks_of
 from benchmark.settings.task import chosen_task
 

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.map_config import MapConfig
 from benchmark.settings.paths import check_file
 from benchmark.settings.robot_config import RobotConfig, robot_field
+from benchmark.settings.setting import SettingError, check_counts, check_setting
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ class SimilarityConfig:
     map: MapConfig = field(default_factory=MapConfig)
 
     def __post_init__(self) -> None:
-        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        check_counts(self, "workers")
         near = len(self.base) == 3 and all(abs(x) <= 10 for x in self.base)
         check_setting(near, "base", self.base, "x, y and z in m, each from -10 to 10, as in base=[0.1,0,0]")
         if self.output is not None:

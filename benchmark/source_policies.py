@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmark.artifacts.known_policies import of_task
-from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.config import RunConfig, WandbConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.recipe import USUAL, check_recipe, policy_name
 from benchmark.settings.robot_config import RobotConfig
 from benchmark.settings.scenes import check_scenes
+from benchmark.settings.setting import SettingError, check_choice, check_setting
 from benchmark.training.demonstration_recipe import CollectConfig
 from benchmark.training.recipes import MADE_BY
 from benchmark.training.trainer import TrainConfig
@@ -70,7 +71,7 @@ class SourcePoliciesConfig:
         for name in ("episodes", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         check_scenes(self.seed_start, self.episodes)
-        check_setting(self.device in ("cpu", "cuda"), "device", self.device, "cpu, cuda")
+        check_choice("device", self.device, ("cpu", "cuda"))
         check_folder(self.output_dir)
         check_folder(self.demonstrations.folder)
 

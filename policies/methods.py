@@ -495,10 +495,13 @@ BY_TASK = {
     "plan_from_maps": {"block_push": "reorder_by_map", "press_buttons": "way_by_map"},
     "plan_from_branch": {"block_push": "reorder_by_branch", "press_buttons": "way_by_branch"},
     "plan_through_map": {"block_push": "reorder_through_map", "press_buttons": "way_through_map"},
+    "dynaguide": {"block_push": "dynaguide_feasibility", "press_buttons": "dynaguide_coverage"},
+    "itps": {"block_push": "itps_feasibility", "press_buttons": "itps_coverage"},
 }
 """Rules that are another method in each task, by the task's name: `plan_for_arm` shows the policy only what its arm can
 do, `plan_from_maps` what the arm's map says that it can, `plan_from_branch` what the map of its branch says,
-`plan_through_map` what the configurations say that this keeps. Rows and chosen scales bear the method's own name."""
+`plan_through_map` what the configurations say that this keeps; `dynaguide` and `itps` look at what the arm cannot hold,
+or at the directions that it lacks. Rows and chosen scales bear the method's own name."""
 
 
 def in_task(method: str, task: str) -> str:

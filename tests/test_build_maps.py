@@ -7,9 +7,9 @@ from benchmark import build_maps, merge_maps
 from benchmark.artifacts.maps import energy_field, robot_map
 from benchmark.build_maps import BuildMapsConfig
 from benchmark.merge_maps import MergeMapsConfig
-from benchmark.settings.command import SettingError
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.robot_config import RobotConfig
+from benchmark.settings.setting import SettingError
 from richmap.maps.cached_map import MapProgress
 from richmap.maps.reachability_map import ReachabilityMap
 from richmap.robots.robots import load_robot

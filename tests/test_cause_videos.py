@@ -12,9 +12,9 @@ from benchmark.episodes.episode import as_frame
 from benchmark.episodes.parts import write_part
 from benchmark.episodes.table import read_episodes, store_episodes
 from benchmark.rollouts.make_rollout import make_rollout
-from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig
 from benchmark.settings.robot_config import RobotConfig
+from benchmark.settings.setting import SettingError
 from benchmark.studies.cause_videos import CauseVideosConfig, examples, main, markdown
 from envs.block_push.outcome import EpisodeOutcome
 from tests.egl import needs_egl

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from benchmark import check
 from benchmark.artifacts.pose_files import QUATERNION, PoseColumns, PoseFileError, read_poses
 from benchmark.check import BaseConfig, CheckConfig
-from benchmark.settings.command import SettingError
 from benchmark.settings.robot_config import RobotConfig
+from benchmark.settings.setting import SettingError
 from richmap.motion.kinematics import flange_frames
 from richmap.robots.custom import custom_robot
 from tests.strange_arms import urdf

@@ -8,7 +8,7 @@ import pytest
 from benchmark.episodes.checked_rows import read_checked
 from benchmark.episodes.parts import write_part
 from benchmark.episodes.table import read_present, store_episodes
-from benchmark.settings.command import SettingError
+from benchmark.settings.setting import SettingError
 from envs.block_push.task import BLOCK_PUSH
 from tests.made_up_episodes import CONDITION, episode
 

@@ -8,7 +8,7 @@ import pytest
 from lerobot.datasets import LeRobotDataset
 
 from benchmark.artifacts.alone import alone
-from benchmark.settings.command import SettingError
+from benchmark.settings.setting import SettingError
 from benchmark.training.collection import collect
 from benchmark.training.demonstration import Demonstration, demonstrate, pack, source_env, unpack
 from benchmark.training.demonstration_recipe import CollectConfig

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from benchmark.scoring.decision_time import with_times
-from benchmark.settings.command import SettingError
+from benchmark.settings.setting import SettingError
 from benchmark.studies import decision_time
 from benchmark.studies.decision_time import DecisionTimeConfig
 

@@ -29,7 +29,7 @@ from benchmark.rollouts import players, rollout
 from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.scoring.ranking import counted, protocols_of
-from benchmark.settings.command import SettingError
+from benchmark.settings.setting import SettingError
 from envs.block_push.outcome import EpisodeOutcome
 from envs.block_push.scene import draw_scene
 from envs.block_push.task import BLOCK_PUSH

@@ -5,7 +5,7 @@ import pytest
 
 import benchmark
 import richmap
-from benchmark.settings.command import SettingError
+from benchmark.settings.setting import SettingError
 
 COARSE = {"cell_size": 0.2, "theta": 0.3, "draw": 200, "turns": 16, "stop_rate": 0.2, "workers": 1}
 

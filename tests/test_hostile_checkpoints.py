@@ -16,7 +16,7 @@ from benchmark.artifacts.checkpoint import Checkpoint
 from benchmark.artifacts.checkpoint_files import check_files
 from benchmark.rollouts.checked_policy import checked_config, checked_policy
 from benchmark.rollouts.stock_policy import StockPolicy
-from benchmark.settings.command import SettingError
+from benchmark.settings.setting import SettingError
 from policies.configuration_guided_push import GuidedPushConfig
 from policies.modeling_guided_push import GuidedPushPolicy
 from policies.weights_hash import write_hashes

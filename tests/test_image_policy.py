@@ -16,8 +16,8 @@ from benchmark.episodes.episode import differences
 from benchmark.replay import row_rollout
 from benchmark.rollouts.rollout import _channels_first
 from benchmark.rollouts.stock_policy import StockPolicy
-from benchmark.settings.command import SettingError
 from benchmark.settings.replay_config import ReplayConfig
+from benchmark.settings.setting import SettingError
 from benchmark.training.collection import collect
 from benchmark.training.demonstration_recipe import CollectConfig
 from benchmark.training.demonstration_tensors import load_demonstrations

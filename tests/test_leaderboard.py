@@ -28,9 +28,10 @@ from benchmark.scoring.ranking import adjusted, counted, protocols_of
 from benchmark.scoring.scores import causes_text, difference_text
 from benchmark.scoring.statistics import holm, paired_p_value
 from benchmark.scoring.suite_table import by_condition, standing
-from benchmark.settings.command import CONF, SettingError
+from benchmark.settings.composition import CONF
 from benchmark.settings.config import ORACLE_METHODS, ConditionConfig, RunConfig
 from benchmark.settings.recipe import RECIPES, USUAL, recipe_folder
+from benchmark.settings.setting import SettingError
 from benchmark.settings.suite import suite_conditions, suite_scenes
 from benchmark.settings.task import chosen_task
 from envs.block_push.arm import block_push_arm

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmark.artifacts.checkpoint import Checkpoint
-from benchmark.settings.command import SettingError
+from benchmark.settings.setting import SettingError
 from benchmark.studies.original_task.response import Response, ShowsResponse
 from benchmark.studies.original_task.rule import (
     FIRST_X,

@@ -13,7 +13,7 @@ from benchmark.scoring.own_results import draw_curves, results_text
 from benchmark.scoring.scale_table import scale_table
 from benchmark.scoring.statistics import Crossed, clustered_difference, clustered_mean
 from benchmark.scoring.text_table import for_terminal, text_table
-from benchmark.settings.command import SettingError
+from benchmark.settings.setting import SettingError
 from envs.block_push.outcome import EpisodeOutcome
 from envs.block_push.task import BLOCK_PUSH
 from tests.made_up_episodes import CONDITION, episode

@@ -10,9 +10,9 @@ from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.record import RecordConfig, main
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.video import record
-from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig, WandbConfig
 from benchmark.settings.robot_config import RobotConfig
+from benchmark.settings.setting import SettingError
 from tests.egl import needs_egl
 
 pytestmark = pytest.mark.system

@@ -17,11 +17,11 @@ from benchmark.rollouts import arm_oracle
 from benchmark.rollouts.field_settings import note_settings
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.row_rollout import row_settings
-from benchmark.settings.command import SettingError
 from benchmark.settings.config import OracleConfig, RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.replay_config import ReplayConfig
 from benchmark.settings.robot_config import RobotConfig
+from benchmark.settings.setting import SettingError
 from envs.block_push.outcome import EpisodeOutcome
 from envs.block_push.task import BLOCK_PUSH
 

@@ -28,7 +28,7 @@ from benchmark.episodes.table import (
     store_episodes,
 )
 from benchmark.scoring.scores import by_condition, paired
-from benchmark.settings.command import SettingError
+from benchmark.settings.setting import SettingError
 from envs.block_push.task import BLOCK_PUSH
 from tests.made_up_episodes import CONDITION, episode
 

@@ -10,9 +10,9 @@ from benchmark.episodes.arm import branch_of
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.rollout import load_policy
-from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig
 from benchmark.settings.robot_config import ArmConfig, RobotConfig
+from benchmark.settings.setting import SettingError
 from richmap.geometry.grid import Grid
 from richmap.similarity.energy import EnergyField
 

@@ -9,8 +9,8 @@ from benchmark import choose_scales, scales
 from benchmark.rollouts import arm_oracle, missing_episodes
 from benchmark.scoring.scale_table import scale_table
 from benchmark.settings.chosen_scales import read_scales, scales_file
-from benchmark.settings.command import SettingError
 from benchmark.settings.robot_config import RobotConfig
+from benchmark.settings.setting import SettingError
 from benchmark.settings.suite import suite_conditions
 from benchmark.sweeps import scale_choice
 from benchmark.sweeps.scale_sweep import ScalesConfig, read_methods

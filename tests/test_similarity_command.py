@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 
 from benchmark import similarity
-from benchmark.settings.command import SettingError
 from benchmark.settings.map_config import MapConfig
 from benchmark.settings.robot_config import RobotConfig
+from benchmark.settings.setting import SettingError
 from benchmark.similarity import SimilarityConfig
 from tests.strange_arms import urdf
 

@@ -4,8 +4,8 @@ import pandas as pd
 import pytest
 
 from benchmark.artifacts.known_policies import CHECKPOINTS, of_task
-from benchmark.settings.command import SettingError
 from benchmark.settings.config import WandbConfig
+from benchmark.settings.setting import SettingError
 from benchmark.source_policies import SourcePoliciesConfig, log_validation, markdown, publish, ranking, trainings
 
 

@@ -16,9 +16,9 @@ from benchmark.artifacts.known_policies import chosen_checkpoint
 from benchmark.compare_policies import ComparePoliciesConfig
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.rollout import Rollout
-from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig
 from benchmark.settings.robot_config import RobotConfig
+from benchmark.settings.setting import SettingError
 
 pytestmark = pytest.mark.system
 

@@ -25,10 +25,11 @@ from benchmark.artifacts.maps import energy_field
 from benchmark.episodes.table import read_episodes
 from benchmark.rollouts.chosen_players import chosen_players
 from benchmark.settings import command
-from benchmark.settings.command import SettingError
+from benchmark.settings.composition import CONF
 from benchmark.settings.config import RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.robot_config import RobotConfig
+from benchmark.settings.setting import SettingError
 from benchmark.sweeps.job import guides_source, job_name
 from benchmark.sweeps.sweep import count_jobs
 from richmap.robots.robots import load_robot
@@ -44,7 +45,7 @@ COARSE = {"cell_size": 0.2, "theta": 0.3, "draw": 200, "turns": 16, "stop_rate":
 def composing(*arguments):
     """Hydra, and what it makes of a command line."""
     command.register(RunConfig, "run")
-    with initialize_config_dir(str(command.CONF), version_base="1.3"):
+    with initialize_config_dir(str(CONF), version_base="1.3"):
         hydra = GlobalHydra.instance().hydra
         yield hydra, hydra.compose_config("run", [*arguments], run_mode=RunMode.MULTIRUN)
 

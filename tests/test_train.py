@@ -13,8 +13,8 @@ from lerobot.datasets import LeRobotDataset
 from lerobot.policies import make_pre_post_processors
 
 from benchmark.artifacts.alone import alone
-from benchmark.settings.command import SettingError
 from benchmark.settings.config import WandbConfig
+from benchmark.settings.setting import SettingError
 from benchmark.train import main
 from benchmark.training.demonstration import Demonstration
 from benchmark.training.demonstration_dataset import write_dataset

@@ -14,10 +14,10 @@ from benchmark.episodes.table import read_episodes
 from benchmark.scoring.ceiling import Ceiling
 from benchmark.scoring.suite_ranking import ranking_text
 from benchmark.scoring.suite_table import gains_text, standing
-from benchmark.settings.command import SettingError, register
-from benchmark.settings.composition import composing, files_of
+from benchmark.settings.composition import composing, files_of, register
 from benchmark.settings.config import ConditionConfig, RunConfig, WandbConfig
 from benchmark.settings.scenes import RANKING
+from benchmark.settings.setting import SettingError
 from benchmark.settings.suite import suite_conditions, suite_scenes
 from benchmark.sweeps.experiment_log import log_standing
 from benchmark.sweeps.scale_choice import BUDGET, ChooseScalesConfig
@@ -118,6 +118,14 @@ def test_a_rule_that_is_another_method_in_each_task_is_ranked_as_one():
     toy = "tests.reach_point:REACH_POINT"
     with pytest.raises(SettingError, match="plan_for_arm: it is for block_push and press_buttons alone"):
         RunConfig(method="plan_for_arm", task=toy)
+
+
+def test_a_part_of_a_rule_that_was_not_rolled_out_in_the_other_task_has_no_row_of_its_own():
+    rows = [rows_of("push", "dynaguide_feasibility", 1.0, "1110")]
+    rows += [rows_of(name, "dynaguide_coverage", 0.25, "1100") for name in ("press", "easy")]
+    ranked = standing("mine", CONDITIONS, CEILINGS, pd.concat([*direct(), *rows], ignore_index=True)).methods
+    scales = dict(zip(ranked.method, ranked["lambda"], strict=True))
+    assert scales == {"dynaguide": "1, 0.25", "dynaguide_feasibility": "1, -"}
 
 
 def test_several_scales_of_a_task_are_combined_with_each_of_the_other():

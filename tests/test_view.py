@@ -9,8 +9,8 @@ import trimesh
 from benchmark.artifacts import maps
 from benchmark.map_quality import view
 from benchmark.map_quality.view import ViewConfig
-from benchmark.settings.command import SettingError
 from benchmark.settings.robot_config import RobotConfig
+from benchmark.settings.setting import SettingError
 from richmap.geometry.grid import Grid
 from richmap.motion.kinematics import flange_frames
 from richmap.robots.robots import load_robot

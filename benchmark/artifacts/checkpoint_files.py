@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from safetensors import SafetensorError, safe_open
 
-from benchmark.settings.command import SettingError
+from benchmark.settings.setting import SettingError
 from policies.weights_hash import check_hashes
 from richmap.given_files import given_json
 

@@ -6,9 +6,9 @@ import re
 from pathlib import Path
 
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
-from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig
 from benchmark.settings.recipe import RECIPES, USUAL, policy_name
+from benchmark.settings.setting import SettingError
 from benchmark.settings.task import chosen_task
 
 RESULTS = Path(__file__).parents[2] / "results"

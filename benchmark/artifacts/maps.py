@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from benchmark.settings.command import SettingError, check_setting
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.robot_config import SOURCE
+from benchmark.settings.setting import SettingError, check_setting
 from richmap.robots import ROBOTS
 
 if TYPE_CHECKING:

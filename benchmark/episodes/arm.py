@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmark.settings.command import SettingError
 from benchmark.settings.config import ConditionConfig, OracleConfig, RunConfig
+from benchmark.settings.setting import SettingError
 from benchmark.settings.task import chosen_task
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import pandas as pd
 
 from benchmark.episodes.episode import IDENTITY, NOT_REPLAYED, column_types, row_id, row_name
 from benchmark.episodes.table import read_present
-from benchmark.settings.command import SettingError
+from benchmark.settings.setting import SettingError
 
 if TYPE_CHECKING:
     from envs.task import Task

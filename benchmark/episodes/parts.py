@@ -20,7 +20,7 @@ import pyarrow.parquet as pq
 
 from benchmark.episodes.arm import SINCE, TUPLES
 from benchmark.episodes.episode import PANDAS, Condition, column_types
-from benchmark.settings.command import SettingError
+from benchmark.settings.setting import SettingError
 from richmap.outputs import writing
 
 ABANDONED = 3600.0

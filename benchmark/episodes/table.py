@@ -28,7 +28,7 @@ from benchmark.episodes.parts import (
     to_frame,
     write_part,
 )
-from benchmark.settings.command import SettingError
+from benchmark.settings.setting import SettingError
 from richmap.robots import SETTINGS
 
 if TYPE_CHECKING:

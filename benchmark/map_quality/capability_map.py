@@ -8,8 +8,9 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from benchmark.settings.command import check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.robot_config import RobotConfig, robot_field
+from benchmark.settings.setting import check_setting
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.settings.command import check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.map_config import MapConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.robot_config import SOURCE, RobotConfig, robot_field
+from benchmark.settings.setting import check_counts
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ class PicturesConfig:
     map: MapConfig = field(default_factory=MapConfig)
 
     def __post_init__(self) -> None:
-        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        check_counts(self, "workers")
         check_folder(self.output_dir)
 
 

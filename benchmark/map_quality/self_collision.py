@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.settings.command import check_setting, run_command
+from benchmark.settings.command import run_command
+from benchmark.settings.setting import check_choice, check_counts
 from richmap.outputs import replacing
 from richmap.robots import ROBOTS
 
@@ -47,8 +48,7 @@ class SelfCollisionConfig:
     """Folder of self_collision.parquet and self_collision.md."""
 
     def __post_init__(self) -> None:
-        for name in ("configurations", "collisions", "limit", "seed"):
-            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_counts(self, "configurations", "collisions", "limit", "seed")
 
 
 def main(config: SelfCollisionConfig) -> None:
@@ -58,7 +58,7 @@ def main(config: SelfCollisionConfig) -> None:
 
     console = plain_console()
     for name in config.robots:
-        check_setting(name in ROBOTS, "robots", name, ", ".join(ROBOTS))
+        check_choice("robots", name, ROBOTS)
     output_dir = Path(config.output_dir)
     for name in config.robots:
         with console.status(f"Self-collision of {name}"):

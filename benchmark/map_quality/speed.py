@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING
 
 from benchmark.artifacts.maps import robot_map
 from benchmark.artifacts.outputs import store_rows
-from benchmark.settings.command import check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.map_config import MapConfig
 from benchmark.settings.paths import check_folder
+from benchmark.settings.setting import check_choice, check_counts, check_setting
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:
@@ -73,12 +74,11 @@ class SpeedConfig:
             check_setting(bool(values) and min(values) >= 1, name, values, "whole numbers >= 1")
         most = os.cpu_count() or 1
         check_setting(max(self.threads) <= most, "threads", self.threads, f"whole numbers from 1 to {most}")
-        for name in ("sampled", "pairwise_cells", "repeats", "workers"):
-            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_counts(self, "sampled", "pairwise_cells", "repeats", "workers")
         parts = ("queries", "insertion", "sampling", "mmd", "directional")
         check_setting(set(self.parts) <= set(parts) and self.parts, "parts", self.parts, f"some of {', '.join(parts)}")
         check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
-        check_setting(self.device in ("cpu", "cuda", "auto"), "device", self.device, "cpu, cuda, auto")
+        check_choice("device", self.device, ("cpu", "cuda", "auto"))
         check_folder(self.output_dir)
 
 
@@ -92,7 +92,7 @@ def main(config: SpeedConfig) -> None:
 
     console = plain_console()
     for name in config.robots:
-        check_setting(name in ROBOTS, "robots", name, ", ".join(ROBOTS))
+        check_choice("robots", name, ROBOTS)
     config = replace(config, device=_device(config))
     output_dir = Path(config.output_dir)
     first: tuple[ReachabilityMap, DirectionMoments] | None = None

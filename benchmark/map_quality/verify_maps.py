@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 from benchmark.artifacts.outputs import store_rows
 from benchmark.map_quality.verified_maps import MAPS, VerifiedMap
 from benchmark.map_quality.verify_config import VerifyMapsConfig
-from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.command import run_command
+from benchmark.settings.setting import SettingError, check_choice
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def main(config: VerifyMapsConfig) -> None:
     from richmap.progress import plain_console
 
     for name in config.maps:
-        check_setting(name in MAPS, "maps", name, ", ".join(MAPS))
+        check_choice("maps", name, MAPS)
     console, output_dir = plain_console(), Path(config.output_dir)
     robot = config.robot.load()
     try:

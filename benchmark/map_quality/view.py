@@ -12,10 +12,11 @@ import numpy as np
 
 from benchmark.artifacts.scene_page import ARM, Bar, arm_meshes, boxes, save_page, turned_up
 from benchmark.map_quality.pictures import half_filled_cell
-from benchmark.settings.command import check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.map_config import MapConfig
 from benchmark.settings.paths import check_file
 from benchmark.settings.robot_config import SOURCE, RobotConfig, robot_field
+from benchmark.settings.setting import check_choice, check_counts, check_setting
 
 if TYPE_CHECKING:
     import trimesh
@@ -51,10 +52,10 @@ class ViewConfig:
 
     def __post_init__(self) -> None:
         cell = self.cell
-        check_setting(self.colour in ("coverage", "mmd"), "colour", self.colour, "coverage, mmd")
+        check_choice("colour", self.colour, ("coverage", "mmd"))
         check_setting(cell is None or len(cell) == 3, "cell", cell, "[x,y,z] in m, or null")
         check_setting(self.save == "" or self.save.endswith(".html"), "save", self.save, "a file name ending in .html")
-        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        check_counts(self, "workers")
         if self.save:
             check_file(self.save, "save")
 

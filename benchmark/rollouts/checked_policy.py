@@ -13,7 +13,7 @@ from safetensors import safe_open
 
 from benchmark.artifacts.checkpoint import GUIDED
 from benchmark.artifacts.checkpoint_files import WEIGHTS
-from benchmark.settings.command import SettingError
+from benchmark.settings.setting import SettingError
 
 TYPES = (GUIDED, "act", "diffusion", "tdmpc", "vqbet")
 """LeRobot's types of policy that are made of their own two files. The others fetch models by names that a file gives,

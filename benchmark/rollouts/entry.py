@@ -18,9 +18,10 @@ from benchmark.artifacts.fields import guidance_field
 from benchmark.artifacts.known_policies import checkpoint_folder
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.rollouts.make_condition import make_condition
-from benchmark.settings.command import SettingError, typed
 from benchmark.settings.config import LimitsConfig, RunConfig
 from benchmark.settings.entry_config import EntryConfig
+from benchmark.settings.setting import SettingError
+from benchmark.settings.typed import typed
 from policies.method import is_of
 from richmap.given_files import given_text
 

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.artifacts.fields import MAPS
-from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.robot_config import SOURCE
+from benchmark.settings.setting import SettingError
 from richmap.given_files import given_json
 from richmap.outputs import replacing
 

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
-from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig
+from benchmark.settings.setting import SettingError
 
 if TYPE_CHECKING:
     from benchmark.episodes.episode import Condition

@@ -17,7 +17,7 @@ import numpy as np
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
 from benchmark.episodes.episode import Condition, Episode
 from benchmark.rollouts.guidance_class import GuidanceClass
-from benchmark.settings.command import SettingError
+from benchmark.settings.setting import SettingError
 from envs.task import Task
 from policies.methods import METHODS
 

@@ -14,11 +14,11 @@ from benchmark.episodes.arm import choices_of, chosen_arm
 from benchmark.episodes.episode import row_name
 from benchmark.rollouts.field_settings import noted_settings
 from benchmark.rollouts.make_rollout import make_rollout
-from benchmark.settings.command import SettingError, check_setting
 from benchmark.settings.config import CLASS_IN_FILE, LimitsConfig, RunConfig
 from benchmark.settings.limits import MOST_ENVIRONMENTS
 from benchmark.settings.replay_config import ReplayConfig
 from benchmark.settings.robot_config import ArmConfig, RobotConfig
+from benchmark.settings.setting import SettingError, check_setting
 from benchmark.settings.task import chosen_task
 from policies.method import AT_ONE_HEIGHT
 from policies.methods import METHODS

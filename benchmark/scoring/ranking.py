@@ -10,9 +10,9 @@ import numpy as np
 
 from benchmark.episodes.arm import ARM, changes, usual_rows
 from benchmark.settings import scenes
-from benchmark.settings.command import SettingError
 from benchmark.settings.config import RunConfig
 from benchmark.settings.robot_config import in_tables
+from benchmark.settings.setting import SettingError
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -113,6 +113,10 @@ def suite_ranking(pairs: "pd.DataFrame", counted: Sequence[str]) -> "pd.DataFram
     return table.merge(_places(of_ranked), on=["method", "lambda"], how="left")
 
 
+PARTS = {method for each in BY_TASK.values() for method in each.values()}
+"""Methods that a rule is in one task or another."""
+
+
 def _variants(pairs: "pd.DataFrame") -> "Iterator[tuple[str, dict[str, float], pd.DataFrame]]":
     """Each method with its scale by task, and its rows, with direct transfer's where it cannot act, or was chosen not
     to (scale 0)."""
@@ -126,7 +130,10 @@ def _variants(pairs: "pd.DataFrame") -> "Iterator[tuple[str, dict[str, float], p
         if rows.empty:
             continue
         tried = {task: sorted({*of_task["lambda"]}) for task, of_task in rows.groupby("task", sort=False)}
-        idle = [task for task in tasks if task not in tried and _idle(in_task(method, task), task)]
+        lacking = [task for task in tasks if task not in tried]
+        idle = [task for task in lacking if _idle(in_task(method, task), task)]
+        if method in PARTS and idle != lacking:
+            continue  # It was rolled out as a part of a rule alone, which has a row of its own.
         beside = direct[direct.task.isin(idle)]
         for scales in (dict(zip(tried, each, strict=True)) for each in product(*tried.values())):
             chosen = rows[rows["lambda"] == rows.task.map(scales)]

@@ -19,15 +19,13 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from benchmark.settings.composition import CONF, file_groups, files_of, register
+from benchmark.settings.composition import file_groups, files_of, register
 from benchmark.settings.help import help_text
 from benchmark.settings.overrides import checked, named, split
 from benchmark.settings.run_folder import clear_run_folder
-from benchmark.settings.setting import Raised, Setting, SettingError, check_setting, settings_of
+from benchmark.settings.setting import Raised, Setting, SettingError, settings_of
 from benchmark.settings.typed import typed
 from richmap.outputs import OF_DISKS, CacheError, DrawingError, FileRefusedError
-
-__all__ = ["CONF", "SettingError", "check_setting", "file_groups", "register", "run_command", "typed"]
 
 COMPLETION = """\
 _complete_benchmark() {

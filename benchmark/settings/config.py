@@ -14,7 +14,7 @@ from benchmark.settings.paths import check_folder
 from benchmark.settings.recipe import USUAL, check_recipe
 from benchmark.settings.robot_config import ArmConfig, RobotConfig, robot_field
 from benchmark.settings.scenes import VALIDATION, check_scenes
-from benchmark.settings.setting import SettingError, check_setting
+from benchmark.settings.setting import SettingError, check_choice, check_counts, check_setting
 from benchmark.settings.task import chosen_task
 from policies.methods import BY_TASK, DIRECT, GUIDED, METHODS, in_task, said_of_each
 from richmap.robots import ROBOTS, SETTINGS
@@ -49,8 +49,8 @@ class ConditionConfig:
     """Whether direct transfer lacks next to nothing there: it shows harm, and counts for no share of head-room."""
 
     def __post_init__(self) -> None:
-        check_setting(self.robot in ROBOTS, "robot", self.robot, ", ".join(ROBOTS))
-        check_setting(self.setting in SETTINGS, "setting", self.setting, ", ".join(SETTINGS))
+        check_choice("robot", self.robot, ROBOTS)
+        check_choice("setting", self.setting, SETTINGS)
 
 
 @dataclass(unsafe_hash=True)
@@ -70,7 +70,7 @@ class WandbConfig:
 
     def __post_init__(self) -> None:
         modes = ("online", "offline", "disabled")
-        check_setting(self.mode in modes, "wandb.mode", self.mode, ", ".join(modes))
+        check_choice("wandb.mode", self.mode, modes)
         if self.mode != "disabled":
             check_folder(self.folder, "wandb.folder")
 
@@ -202,15 +202,15 @@ class RunConfig:
         for name in ("episodes", "batch_size", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
-        check_setting(self.checkpoint >= 1, "checkpoint", self.checkpoint, "a whole number >= 1")
+        check_counts(self, "checkpoint")
         check_recipe(self.recipe)
         covered = scale == 0 or self.map.half_width >= 0.8
         check_setting(covered, "map.half_width", self.map.half_width, "0.8 or more, so that the field covers the table")
         check_scenes(self.seed_start, self.episodes, self.suite)
         check_folder(self.output_dir)
-        check_setting(self.setting in SETTINGS, "setting", self.setting, ", ".join(SETTINGS))
-        check_setting(self.device in ("cpu", "cuda", "auto"), "device", self.device, "cpu, cuda, auto")
-        check_setting(self.sampler in ("DDIM", "DDPM"), "sampler", self.sampler, "DDIM, DDPM")
+        check_choice("setting", self.setting, SETTINGS)
+        check_choice("device", self.device, ("cpu", "cuda", "auto"))
+        check_choice("sampler", self.sampler, ("DDIM", "DDPM"))
         steps = self.sampling_steps
         check_setting(1 <= steps <= 100, "sampling_steps", steps, "a whole number from 1 to 100")
 
@@ -276,5 +276,5 @@ class OracleConfig:
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         check_scenes(self.seed_start, self.episodes)
         check_folder(self.output_dir)
-        check_setting(self.oracle in ORACLES, "oracle", self.oracle, ", ".join(ORACLES))
-        check_setting(self.setting in SETTINGS, "setting", self.setting, ", ".join(SETTINGS))
+        check_choice("oracle", self.oracle, ORACLES)
+        check_choice("setting", self.setting, SETTINGS)

@@ -5,7 +5,7 @@ import re
 from dataclasses import dataclass
 
 from benchmark.settings.config import CLASS_IN_FILE, ORACLE_METHODS
-from benchmark.settings.setting import check_setting
+from benchmark.settings.setting import check_choice, check_setting
 from policies.method import FIELD_NEEDS
 from policies.methods import METHODS
 
@@ -45,5 +45,5 @@ class EntryConfig:
         check_setting(bool(self.policy or self.guidance), "policy", self.policy, "a folder, unless there is guidance")
         form = not self.guidance or re.fullmatch(CLASS_IN_FILE, self.guidance)
         check_setting(bool(form), "guidance", self.guidance, "a file and its class, as in guidance.py:MyGuidance")
-        check_setting(self.field in FIELD_KINDS, "field", self.field, ", ".join(FIELD_KINDS))
+        check_choice("field", self.field, FIELD_KINDS)
         check_setting(math.isfinite(self.scale), "scale", self.scale, "a number")

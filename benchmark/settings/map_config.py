@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from benchmark.settings.limits import check_memory
-from benchmark.settings.setting import check_setting
+from benchmark.settings.setting import check_choice, check_setting
 from richmap.similarity.energy_settings import CHOICES, EnergySettings
 
 LEAST_STOP_RATE = 1e-4
@@ -59,7 +59,7 @@ class MapConfig:
         check_setting(self.stop_rate >= LEAST_STOP_RATE, "map.stop_rate", self.stop_rate, cost)
         check_setting(self.target >= 0, "map.target", self.target, "a whole number >= 0")
         check_memory("map.target", self.target, self.target * 40 / 1e9)
-        check_setting(self.device in ("cpu", "cuda"), "map.device", self.device, "cpu, cuda")
+        check_choice("map.device", self.device, ("cpu", "cuda"))
         check_setting(self.draw >= 1, "map.draw", self.draw, "a whole number >= 1")
         check_setting(self.turns.bit_count() == 1 <= self.turns, "map.turns", self.turns, "a power of two")
         check_memory("map.draw", self.draw, self.draw * 1e-5)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from benchmark.settings.setting import check_setting
+from benchmark.settings.setting import check_choice
 
 USUAL = "robust"
 
@@ -19,7 +19,7 @@ def check_recipe(recipe: str) -> None:
     Raises:
         SettingError: If it is not allowed.
     """
-    check_setting(recipe in RECIPES, "recipe", recipe, ", ".join(RECIPES))
+    check_choice("recipe", recipe, RECIPES)
 
 
 def policy_name(recipe: str, seed: int | str, rank: int | str) -> str:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.robot_config import RobotConfig, robot_field
-from benchmark.settings.setting import check_setting
+from benchmark.settings.setting import check_counts, check_setting
 from benchmark.settings.task import chosen_task
 
 
@@ -39,4 +39,4 @@ class ReplayConfig:
         check_setting(self.random >= 0, "random", self.random, "a whole number >= 0")
         chosen_task(self.task)
         check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
-        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        check_counts(self, "workers")

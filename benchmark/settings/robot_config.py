@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import cache, partial
 from typing import TYPE_CHECKING
 
-from benchmark.settings.setting import SettingError, check_setting
+from benchmark.settings.setting import SettingError, check_choice, check_setting
 from richmap.robots import ROBOTS
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ def check_targets(robots: list[str]) -> None:
     """Raise `SettingError` unless these are arms that a policy can be transferred to, one or more."""
     targets = [name for name in ROBOTS if name != SOURCE]
     for name in robots or ["[]"]:
-        check_setting(name in targets, "robots", name, ", ".join(targets))
+        check_choice("robots", name, targets)
 
 
 def in_tables(robot: str) -> int:

@@ -4,6 +4,7 @@ import ast
 import inspect
 import re
 import textwrap
+from collections.abc import Iterable
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from functools import cache
 from typing import Any, get_args, get_origin
@@ -28,6 +29,18 @@ def check_setting(condition: bool, name: str, value: Any, allowed: str) -> None:
     """Raise `SettingError` unless the condition holds."""
     if not condition:
         raise SettingError(f"{name}={value} is not allowed. Allowed: {allowed}.")
+
+
+def check_choice(name: str, value: Any, allowed: Iterable[str]) -> None:
+    """Raise `SettingError` unless the value is one of these."""
+    allowed = tuple(allowed)
+    check_setting(value in allowed, name, value, ", ".join(allowed))
+
+
+def check_counts(config: Any, *names: str) -> None:
+    """Raise `SettingError` unless these fields of a schema are 1 or more."""
+    for name in names:
+        check_setting(getattr(config, name) >= 1, name, getattr(config, name), "a whole number >= 1")
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmark.settings.command import check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.paths import check_folder
+from benchmark.settings.setting import check_choice, check_setting
 from envs.arm.place_arm import COMMON_BASE
 from envs.block_push.workspace import POSES
 from richmap.outputs import replacing
@@ -48,7 +49,7 @@ class ArmsConfig:
 
     def __post_init__(self) -> None:
         for name in self.robots:
-            check_setting(name in ROBOTS, "robots", name, ", ".join(ROBOTS))
+            check_choice("robots", name, ROBOTS)
         check_folder(self.output_dir)
         check_setting(self.table.endswith(".csv"), "table", self.table, "a .csv file")
 

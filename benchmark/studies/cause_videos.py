@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.config import ORACLE_METHODS, RunConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.recipe import RECIPES
 from benchmark.settings.robot_config import PAPER_ARMS
+from benchmark.settings.setting import SettingError, check_counts
 from envs.block_push.task import BLOCK_PUSH
 from richmap.outputs import replacing
 
@@ -39,7 +40,7 @@ class CauseVideosConfig:
     """Processes that sample for maps that are not in the cache. A whole number >= 1."""
 
     def __post_init__(self) -> None:
-        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        check_counts(self, "workers")
         check_folder(self.output_dir)
 
 

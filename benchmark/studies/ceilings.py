@@ -7,8 +7,9 @@ python -m benchmark.studies.ceilings suite=quick
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.scenes import check_scenes
+from benchmark.settings.setting import SettingError, check_counts
 from benchmark.settings.suite import suite_conditions, suite_scenes, tasks_of
 from benchmark.settings.task import chosen_task
 
@@ -35,7 +36,7 @@ class CeilingsConfig:
         scenes = suite_scenes(self.suite)
         self.seed_start = scenes.start if self.seed_start is None else self.seed_start
         self.episodes = len(scenes) if self.episodes is None else self.episodes
-        check_setting(self.episodes >= 1, "episodes", self.episodes, "a whole number >= 1")
+        check_counts(self, "episodes")
         check_scenes(self.seed_start, self.episodes, self.suite)
 
 

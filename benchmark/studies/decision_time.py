@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmark.settings.chosen_scales import read_scales, scales_file
-from benchmark.settings.command import check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.config import RunConfig
 from benchmark.settings.paths import check_file
 from benchmark.settings.scenes import VALIDATION, check_scenes
+from benchmark.settings.setting import check_choice, check_counts, check_setting
 from benchmark.settings.task import chosen_task
 from policies.methods import GUIDED
 
@@ -44,9 +45,9 @@ class DecisionTimeConfig:
         for name in self.tasks:
             chosen_task(name)
         for name in self.methods:
-            check_setting(name in GUIDED, "methods", name, ", ".join(GUIDED))
+            check_choice("methods", name, GUIDED)
         check_setting(self.scale is None or bool(self.methods), "scale", self.scale, "null without methods")
-        check_setting(self.episodes >= 1, "episodes", self.episodes, "a whole number >= 1")
+        check_counts(self, "episodes")
         check_scenes(VALIDATION.start, self.episodes + 1)
         check_file(self.output)
 

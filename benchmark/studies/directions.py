@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.settings.command import check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.map_config import MapConfig
 from benchmark.settings.robot_config import SOURCE, check_targets
+from benchmark.settings.setting import check_counts
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ class DirectionsConfig:
 
     def __post_init__(self) -> None:
         check_targets([self.robot])
-        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        check_counts(self, "workers")
 
 
 def main(config: DirectionsConfig) -> None:

@@ -12,10 +12,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.scenes import VALIDATION, check_scenes
+from benchmark.settings.setting import SettingError, check_choice, check_setting
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ class DoseResponseConfig:
     energy: EnergyConfig = field(default_factory=EnergyConfig)
 
     def __post_init__(self) -> None:
-        check_setting(self.step in STEPS, "step", self.step, ", ".join(STEPS))
+        check_choice("step", self.step, STEPS)
         check_setting(self.split_seed >= 0, "split_seed", self.split_seed, "a whole number >= 0")
         known = 1 <= self.demonstrations <= 1000
         check_setting(known, "demonstrations", self.demonstrations, "a whole number from 1 to 1000")
@@ -92,7 +93,7 @@ def chosen(config: DoseResponseConfig, console: "Console") -> "dict[str, tuple[S
     arms = study_arms(Path(platformdirs.user_cache_dir("richmap"), "dose_response"))
     names = [arm.name for arm in arms]
     for name in config.arms:
-        check_setting(name in names, "arms", name, ", ".join(names))
+        check_choice("arms", name, names)
     return able([arm for arm in arms if not config.arms or arm.name in config.arms], console)
 
 

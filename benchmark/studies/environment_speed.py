@@ -6,8 +6,9 @@ python -m benchmark.studies.environment_speed
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from benchmark.settings.command import check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.scenes import VALIDATION, check_scenes
+from benchmark.settings.setting import check_choice, check_counts
 from benchmark.settings.task import chosen_task
 from richmap.robots import ROBOTS
 
@@ -31,8 +32,8 @@ class EnvironmentSpeedConfig:
 
     def __post_init__(self) -> None:
         for name in self.robots:
-            check_setting(name in ROBOTS, "robots", name, ", ".join(ROBOTS))
-        check_setting(self.episodes >= 1, "episodes", self.episodes, "a whole number >= 1")
+            check_choice("robots", name, ROBOTS)
+        check_counts(self, "episodes")
         check_scenes(VALIDATION.start, self.episodes)
 
 

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from benchmark.settings.command import check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.map_config import MapConfig
 from benchmark.settings.paths import check_file
 from benchmark.settings.robot_config import check_targets
+from benchmark.settings.setting import check_counts, check_setting
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -57,8 +58,7 @@ class LearnedEnergyConfig:
     def __post_init__(self) -> None:
         check_targets([self.robot])
         check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
-        for name in ("steps", "workers"):
-            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_counts(self, "steps", "workers")
         for name in ("poses", "asked"):
             count = getattr(self, name)
             check_setting(1 <= count <= MOST_POSES, name, count, f"a whole number from 1 to {MOST_POSES}")

@@ -22,11 +22,12 @@ from benchmark.artifacts.outputs import store_rows
 from benchmark.rollouts.make_rollout import make_rollout
 from benchmark.rollouts.missing_episodes import play_and_store
 from benchmark.scoring.eval_info import read_eval_info
-from benchmark.settings.command import check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.config import RunConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.robot_config import PAPER_ARMS, RobotConfig, robot_field
 from benchmark.settings.scenes import check_scenes
+from benchmark.settings.setting import check_choice, check_setting
 from richmap.outputs import replacing
 from richmap.robots import SETTINGS
 
@@ -70,12 +71,12 @@ class LerobotAgreementConfig:
     """Folder of lerobot_agreement.md; episodes go to its folder lerobot_agreement."""
 
     def __post_init__(self) -> None:
-        check_setting(self.robot.name in PAPER_ARMS, "robot", self.robot.name, ", ".join(PAPER_ARMS))
+        check_choice("robot", self.robot.name, PAPER_ARMS)
         for name in ("episodes", "batch_size", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         check_scenes(self.seed_start, self.episodes)
         check_folder(self.output_dir)
-        check_setting(self.setting in SETTINGS, "setting", self.setting, ", ".join(SETTINGS))
+        check_choice("setting", self.setting, SETTINGS)
 
 
 def main(config: LerobotAgreementConfig) -> None:

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.settings.command import check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.map_config import MapConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.robot_config import check_targets
+from benchmark.settings.setting import check_setting
 from envs.block_push.task import BLOCK_PUSH
 from richmap.outputs import replacing
 

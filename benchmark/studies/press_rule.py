@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.settings.command import check_setting, run_command
+from benchmark.settings.command import run_command
+from benchmark.settings.setting import check_choice, check_setting
 from richmap.robots import ROBOTS
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -28,7 +29,7 @@ class PressRuleConfig:
     """Of the rod from the button's axis, in rad, each from 0 to 1."""
 
     def __post_init__(self) -> None:
-        check_setting(self.robot in ROBOTS, "robot", self.robot, ", ".join(ROBOTS))
+        check_choice("robot", self.robot, ROBOTS)
         check_setting(1 <= self.tries <= 10000, "tries", self.tries, "a whole number from 1 to 10000")
         check_setting(all(0 <= x <= 1 for x in self.angles), "angles", self.angles, "numbers from 0 to 1")
 

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.settings.command import check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_file
 from benchmark.settings.scenes import VALIDATION, check_scenes
+from benchmark.settings.setting import check_choice, check_counts, check_setting
 from benchmark.settings.suite import suite_conditions, suites
 
 if TYPE_CHECKING:
@@ -42,10 +43,10 @@ class PressableConfig:
     """Processes that sample, where maps are to be built; a whole number >= 1."""
 
     def __post_init__(self) -> None:
-        check_setting(self.suite in suites(), "suite", self.suite, ", ".join(suites()))
+        check_choice("suite", self.suite, suites())
         check_setting(self.scenes >= 10, "scenes", self.scenes, "a whole number >= 10")
         check_scenes(VALIDATION.start, self.scenes)
-        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        check_counts(self, "workers")
         check_file(self.output)
 
 

@@ -11,8 +11,9 @@ from itertools import batched
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.paths import check_folder
+from benchmark.settings.setting import SettingError, check_setting
 from benchmark.settings.suite import suite_conditions, tasks_of
 from benchmark.settings.task import chosen_task
 from policies.methods import DIRECT

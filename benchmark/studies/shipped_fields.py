@@ -6,9 +6,10 @@ python -m benchmark.studies.shipped_fields
 import shutil
 from dataclasses import dataclass, field, fields
 
-from benchmark.settings.command import check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_folder
+from benchmark.settings.setting import check_choice, check_counts
 from benchmark.settings.suite import suite_conditions, suites
 from benchmark.settings.task import chosen_task
 from policies.method import is_of
@@ -34,9 +35,9 @@ class ShippedFieldsConfig:
         for each in fields(self)[:2]:
             allowed = suites() if each.name == "suites" else KINDS
             for name in getattr(self, each.name):
-                check_setting(name in allowed, each.name, name, ", ".join(allowed))
+                check_choice(each.name, name, allowed)
         check_folder(self.output_dir)
-        check_setting(self.workers >= 1, "workers", self.workers, "a whole number >= 1")
+        check_counts(self, "workers")
 
 
 def main(config: ShippedFieldsConfig) -> None:

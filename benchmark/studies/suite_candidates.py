@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.config import ConditionConfig
 from benchmark.settings.paths import check_file
 from benchmark.settings.scenes import VALIDATION
+from benchmark.settings.setting import SettingError, check_setting
 from benchmark.settings.suite import suite_conditions, tasks_of
 from benchmark.settings.task import chosen_task
 

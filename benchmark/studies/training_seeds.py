@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.paths import check_file
 from benchmark.settings.scenes import TABLES
+from benchmark.settings.setting import SettingError, check_setting
 from benchmark.settings.suite import suite_conditions, tasks_of
 from benchmark.settings.task import chosen_task
 from policies.methods import DIRECT

@@ -8,11 +8,11 @@ import numpy as np
 import yaml
 
 from benchmark.settings.chosen_scales import read_scales, scales_file
-from benchmark.settings.command import check_setting
 from benchmark.settings.config import RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.scenes import VALIDATION
+from benchmark.settings.setting import check_choice, check_setting
 from benchmark.settings.suite import suite_conditions
 from benchmark.settings.task import chosen_task
 from policies.methods import GUIDED, METHODS, SWEPT
@@ -54,7 +54,7 @@ class ChooseScalesConfig:
 
     def __post_init__(self) -> None:
         for name in self.methods or ["[]"]:
-            check_setting(name in GUIDED, "methods", name, ", ".join(GUIDED))
+            check_choice("methods", name, GUIDED)
         check_setting(1 <= self.points <= 16, "points", self.points, "a whole number from 1 to 16")
         check_folder(self.scales_dir, "scales_dir")
         for run in (run for name in self.methods for run in self.runs(name)):

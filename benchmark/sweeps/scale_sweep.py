@@ -12,12 +12,12 @@ from benchmark.episodes.arm import arm_name, chosen_arm
 from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.scoring.scale_table import CHOSEN_FOR
-from benchmark.settings.command import SettingError, check_setting
 from benchmark.settings.config import LimitsConfig, RunConfig, check_method
 from benchmark.settings.limits import EPISODE_SECONDS
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.recipe import USUAL
 from benchmark.settings.robot_config import ArmConfig, RobotConfig, robot_field
+from benchmark.settings.setting import SettingError, check_setting
 from benchmark.settings.task import chosen_task
 from policies.method import MOST_SAMPLES
 from policies.methods import GUIDED, METHODS, SWEPT

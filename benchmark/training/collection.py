@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from benchmark.artifacts.alone import alone
-from benchmark.settings.command import SettingError
 from benchmark.settings.paths import check_folder
+from benchmark.settings.setting import SettingError
 from benchmark.settings.task import chosen_task
 from benchmark.training.demonstration_recipe import CollectConfig
 from richmap.outputs import writing

@@ -3,10 +3,9 @@
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from benchmark.settings.command import check_setting
 from benchmark.settings.paths import check_folder
 from benchmark.settings.scenes import check_scenes
-from benchmark.settings.setting import SettingError
+from benchmark.settings.setting import SettingError, check_setting
 from benchmark.settings.task import chosen_task
 from envs.demonstrator import Demonstrator
 

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmark.artifacts.alone import alone
-from benchmark.settings.command import SettingError, check_setting
 from benchmark.settings.config import WandbConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.robot_config import SOURCE_IN_WORDS
+from benchmark.settings.setting import SettingError, check_counts, check_setting
 from benchmark.settings.task import chosen_task
 from benchmark.training.collection import collect, digest
 from benchmark.training.demonstration_recipe import CollectConfig
@@ -65,8 +65,7 @@ class TrainConfig:
         choices = {"precision": ("bfloat16", "float32"), "device": ("cpu", "cuda")}
         for name, allowed in choices.items():
             check_setting(getattr(self, name) in allowed, name, getattr(self, name), ", ".join(allowed))
-        for name in ("steps", "batch_size", "threads", "save_every"):
-            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_counts(self, "steps", "batch_size", "threads", "save_every")
         kept = all(1 <= step <= self.steps for step in self.keep)
         check_setting(kept, "keep", self.keep, f"steps from 1 to {self.steps}")
 

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmark.settings.command import SettingError, check_setting, run_command
+from benchmark.settings.command import run_command
 from benchmark.settings.config import RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.robot_config import SOURCE, RobotConfig
+from benchmark.settings.setting import SettingError, check_choice, check_setting
 from benchmark.studies.original_task.rule import FIRST_LAMBDAS, FIRST_X, LAMBDAS, PAPER
 
 if TYPE_CHECKING:
@@ -61,14 +62,14 @@ class OriginalTaskConfig:
     """Processes that simulate or train; a whole number >= 1."""
 
     def __post_init__(self) -> None:
-        check_setting(self.stage in STAGES, "stage", self.stage, ", ".join(STAGES))
-        check_setting(self.recipe in ("clean", "robust"), "recipe", self.recipe, "clean, robust")
+        check_choice("stage", self.stage, STAGES)
+        check_choice("recipe", self.recipe, ("clean", "robust"))
         check_setting(self.response in ("own", SOURCE), "response", self.response, f"own, {SOURCE}")
         check_setting({*self.arms} <= {*PAPER}, "arms", self.arms, ", ".join(PAPER))
         check_setting(all(0 <= x <= 0.2 for x in self.bases), "bases", self.bases, "numbers from 0 to 0.2 m")
         check_setting({*self.lambdas} <= {*LAMBDAS}, "lambdas", self.lambdas, ", ".join(f"{x:g}" for x in LAMBDAS))
         check_setting(1 <= self.scenes <= SCENES, "scenes", self.scenes, f"a whole number from 1 to {SCENES}")
-        check_setting(self.device in ("cpu", "cuda"), "device", self.device, "cpu, cuda")
+        check_choice("device", self.device, ("cpu", "cuda"))
         for name in ("threads", "workers"):
             check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
         check_folder(self.output_dir)
