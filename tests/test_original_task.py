@@ -20,6 +20,7 @@ from benchmark.studies.original_task.rule import (
     chosen_lambda,
     chosen_x,
     held_out_score,
+    in_words,
     scores,
 )
 from benchmark.studies.original_task.run import (
@@ -93,6 +94,15 @@ def test_the_prediction_asks_for_all_four_at_one_base(changed, holds):
     at_5_cm = {("ur3", 0.0): 64.0, ("ur3", 1.0): 88.0, ("ur5", 0.0): 93.0, ("ur10", 0.0): 75.0} | changed
     table = rows(lambda arm, x, scale, seed: at_5_cm.get((arm, scale), 50.0) if x == 0.05 else 50.0)
     assert as_predicted(table) == holds
+
+
+def test_what_the_rule_says_is_said_as_far_as_there_are_rows():
+    table = rows(lambda arm, x, scale, seed: 95.0 if (arm, scale) == ("ur3", 0.3) else PAPER[arm][0], lambdas=LAMBDAS)
+    assert "not complete" in in_words(table[table.robot != "ur10"])
+    lines = in_words(table).splitlines()
+    assert "x = 0 m: 0.0, " in lines[0] and lines[0].endswith("The rule takes x = 0 m.")
+    assert lines[1] == "As predicted at no base."  # No base guides the UR3 to 88.
+    assert lines[2] == "ur3: lambda 0.3; chosen on two trainings and scored on the third, 95.0." and len(lines) == 5
 
 
 def test_tilt_and_yaw_are_those_of_scipy():

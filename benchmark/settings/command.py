@@ -26,6 +26,7 @@ from benchmark.settings.run_folder import clear_run_folder
 from benchmark.settings.setting import Raised, Setting, SettingError, settings_of
 from benchmark.settings.typed import typed
 from richmap.outputs import OF_DISKS, CacheError, DrawingError, FileRefusedError
+from richmap.worker import look_for_garbage_rarely
 
 COMPLETION = """\
 _complete_benchmark() {
@@ -72,6 +73,7 @@ def run_command[Config](
         positional: Settings that may be given by their place, without their names.
         goes_on: Whether it stores what it finishes, and goes on from there when it is called again.
     """
+    look_for_garbage_rarely()
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # As a shell has it for what runs in the background.
         signal.signal(signal.SIGINT, _raising(KeyboardInterrupt))
     signal.signal(signal.SIGTERM, _raising(_Terminated))

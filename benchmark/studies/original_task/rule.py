@@ -68,3 +68,23 @@ def as_predicted(rows: pd.DataFrame) -> list[float]:
     for arm, (least, most) in PREDICTED.items():
         holds &= table[arm, 0.0].between(least, most)
     return [float(x) for x in table.index[holds]]
+
+
+def in_words(rows: pd.DataFrame) -> str:
+    """What the rule takes of the rows, and whether it came out as predicted, as far as stages are complete."""
+    first = scores(rows[rows["lambda"].isin(FIRST_LAMBDAS) & rows.base_x.isin(FIRST_X)])
+    asked = pd.MultiIndex.from_product([PAPER, FIRST_LAMBDAS])
+    if first.reindex(index=FIRST_X, columns=asked).isna().any(axis=None):
+        return "The first stage is not complete, so no base is taken."
+    x, away, holds = chosen_x(rows), distance(first), as_predicted(rows[rows["lambda"].isin(FIRST_LAMBDAS)])
+    said = [f"x = {at:g} m: {points:.1f}" for at, points in away.items()]
+    lines = [
+        f"Points from the paper's direct scores, summed over the arms: {', '.join(said)}. The rule takes x = {x:g} m.",
+        f"As predicted at x = {', '.join(f'{each:g}' for each in holds)} m." if holds else "As predicted at no base.",
+    ]
+    second = rows[rows.base_x == x]
+    for arm in PAPER:
+        if {*LAMBDAS} <= {*second["lambda"][second.robot == arm].round(9)}:
+            best, apart = chosen_lambda(second, arm), held_out_score(second, arm)
+            lines.append(f"{arm}: lambda {best:g}; chosen on two trainings and scored on the third, {apart:.1f}.")
+    return "\n".join(lines)

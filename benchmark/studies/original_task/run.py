@@ -87,6 +87,8 @@ class OriginalTaskConfig:
 
 def main(config: OriginalTaskConfig) -> None:
     """Do the stage, and what it needs; what is stored already is not done again."""
+    from benchmark.studies.original_task.rule import in_words
+    from benchmark.studies.original_task.task import VERSION
     from richmap.progress import plain_console
 
     console = plain_console()
@@ -97,7 +99,10 @@ def main(config: OriginalTaskConfig) -> None:
         run(rollouts, config, console)
     if config.stage != "policies":
         own = None if config.response == "own" else stored(replace(config, response="own"))
-        console.print(text(stored(config), own), soft_wrap=True, highlight=False, markup=False)
+        rows = stored(config)
+        console.print(text(rows, own), soft_wrap=True, highlight=False, markup=False)
+        if len(rows):
+            console.print(in_words(rows[rows.episode_version == VERSION]), soft_wrap=True, highlight=False)
 
 
 def train_policies(config: OriginalTaskConfig) -> None:
