@@ -33,16 +33,19 @@ def main(config: MergeMapsConfig) -> None:
     check_setting(len(config.inputs) >= 2, "inputs", config.inputs, "two map files or more, as in inputs=[a,b]")
     from richmap.maps.construction import merge
     from richmap.maps.reachability_map import ReachabilityMap
-    from richmap.outputs import FileRefusedError
+    from richmap.outputs import FileRefusedError, missing_folders, remove_empty
     from richmap.progress import plain_console
 
     console, robot, output = plain_console(), config.robot.load(), Path(config.output)
+    made: list[Path] = []
     try:
         maps = [ReachabilityMap.load(Path(path), robot) for path in config.inputs]
+        made = missing_folders(output.parent)
         output.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=output.parent) as folder, console.status("Merging"):
             merged = merge(robot, maps, Path(folder))
     except (FileNotFoundError, FileRefusedError, ValueError) as error:
+        remove_empty(made)
         raise SettingError(str(error)) from error
     merged.save(output)
     console.print(

@@ -1,6 +1,5 @@
 """How worker processes start and end."""
 
-import gc
 import multiprocessing
 import os
 import signal
@@ -65,18 +64,11 @@ def start_worker() -> None:
     Ctrl-C ends it without a word, and it ends when its parent is gone, however that ended: an orphan would wait for
     work forever.
     """
-    look_for_garbage_rarely()
     import torch
 
     torch.set_num_threads(1)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def look_for_garbage_rarely() -> None:
-    """Spare a process a tenth of its start: importing makes a million objects that stay, and Python goes through them
-    again and again."""
-    gc.set_threshold(50_000, 20, 20)
 
 
 def _end_with_parent() -> None:

@@ -2,6 +2,7 @@
 
 import json
 import re
+import zipfile
 
 import numpy as np
 import pandas as pd
@@ -173,13 +174,24 @@ def test_what_is_no_file_of_poses_is_refused(tmp_path):
     (tmp_path / "e.npz").write_bytes(packed)
     np.savez(tmp_path / "f.npz", poses=np.ones((2, 7), dtype=complex))
     np.savez(tmp_path / "g.npz", poses=np.eye(2, 7, 6), episode=[1e30, 1e30])
+    np.savez(tmp_path / "h.npz", poses=np.eye(2, 7, 6), episode=np.array(0.5))
+    np.savez(tmp_path / "i.npz", **dict.fromkeys(QUATERNION, np.zeros(2, dtype="M8[s]")))
+    with zipfile.ZipFile(tmp_path / "j.npz", "w", zipfile.ZIP_DEFLATED) as bomb, bomb.open("x.npy", "w") as zeros:
+        for _ in range(1200):
+            zeros.write(bytes(10**6))
+    (tmp_path / "b.csv").write_text("x,y,z,qx,qy,qz,qw\n0.3,0.1,0.3,0,1,0,0,0\n")
+    (tmp_path / "c.csv").write_text("x,y,z,qx,qy,qz,qw\nTrue,0.1,0.3,0,1,0,0\n")
+    (tmp_path / "d.csv").write_text("x" * 200_000)
     (tmp_path / "folder").mkdir()
     (tmp_path / "broken" / "meta").mkdir(parents=True)
     (tmp_path / "broken" / "meta" / "info.json").write_text(json.dumps([1]))
     for name, message in {
         "a.npz": "damaged, or no .npz file", "a.txt": "its name ends in '.txt'", "a.csv": "no table of comma-separated",
         "b.npz": "differ in length: x 2, y 3", "c.npz": r"it holds poses \(2, 6\)", "d.npz": "no .npz file of plain",
-        "e.npz": "damaged, or no .npz file", "f.npz": "column x has complex numbers", "g.npz": "Row 1 has 1e.30",
+        "e.npz": "damaged, or no .npz file", "f.npz": "column x holds complex128", "g.npz": "Row 1 has 1e.30",
+        "h.npz": r"column episode holds float64 of shape \(\)", "i.npz": "column x holds datetime64",
+        "j.npz": "it takes 1.2 GB, and 1 are read", "b.csv": "its rows have more values than its header names",
+        "c.csv": "column x holds bool", "d.csv": "its first line is longer than",
         "folder": "no folder of a LeRobotDataset", "broken": "no folder of a LeRobotDataset", "none": "no such file",
     }.items():  # fmt: skip
         with pytest.raises(PoseFileError, match=message):

@@ -40,3 +40,11 @@ def test_every_method_with_a_chosen_scale_is_timed_in_place_of_older_rows(tmp_pa
         decision_time.main(of_one)
     decision_time.main(replace(of_one, scale=2.0))
     assert pd.read_csv(config.output).groupby("method")["lambda"].max().to_dict()["way_of_any"] == 2
+
+
+@pytest.mark.parametrize("text", ["garbage", "task,method,lambda,mean_ms\nblock_push,paper,0.5,soon\n"])
+def test_a_damaged_table_of_times_is_refused(tmp_path, text):
+    ranking = pd.DataFrame([{"method": "paper", "scales": {"block_push": 0.5}}])
+    (tmp_path / "times.csv").write_text(text)
+    with pytest.raises(SettingError, match="holds no decision times"):
+        with_times(ranking, tmp_path / "times.csv")

@@ -403,10 +403,11 @@ def test_what_an_entry_cannot_be_is_said_in_a_line(tmp_path, values, message):
         ("a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]\n", "has .names of other values"),
         ("[" * 5000, "cannot be read"),
         ("name: a\0b\n", "cannot be read"),
+        ('name: a\ndescription: "\\x24{oc.env:HOME}"\n', r"has \$\{...\}. What it says stands in the file itself"),
         ("name: " + "a" * 20_000, "has more than 10,000 bytes"),
         (f"name: a\nscale: 0x{'F' * 3000}\n", "scale is not allowed: it is beyond 1.79769e.308"),
     ],
-    ids=["bomb", "nested", "nul", "long", "number"],
+    ids=["bomb", "nested", "nul", "escaped", "long", "number"],
 )
 def test_a_strange_entry_file_is_refused_in_a_line(tmp_path, text, message):
     (tmp_path / "entry.yaml").write_text(text)

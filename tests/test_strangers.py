@@ -318,6 +318,7 @@ def test_a_package_that_is_not_there_is_named(arm):
         arm(urdf(mesh=DAE.format("package://gone/a.stl", "1 1 1")))
 
 
+MANY = '<replicate count="1000">'
 XACRO = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="mini">'
 
 
@@ -334,6 +335,43 @@ def test_xacro_is_expanded_without_ros(arm, clone):
         arm(text.replace("mini_description", "gone"), name="arm.xacro")
     with pytest.raises(ValueError, match="two underscores"):
         arm(text.replace("${size}", "${(lambda: ().__class__)()}"), name="arm.xacro")
+
+
+@pytest.mark.parametrize(
+    "expression, message",
+    [
+        ("(lambda b: b)(1)", "is not evaluated"),
+        ("[*(i for i in [1])]", "is not evaluated"),
+        ("[1][0].gi_frame", "is not evaluated"),
+        ("''.format(1)", "is not evaluated"),
+        ("9**9**9", "may be huge"),
+        ("len('a' * 4000000000)", "may be huge"),
+    ],
+)
+def test_an_expression_of_a_xacro_file_gets_at_nothing_of_pythons_own(arm, expression, message):
+    text = f'{XACRO}<xacro:property name="p" value="${{{expression}}}"/><link name="l${{p}}"/></robot>'
+    with pytest.raises(ValueError, match=message):
+        arm(text, name="arm.xacro")
+
+
+@pytest.mark.parametrize(
+    "name, text, message",
+    [
+        ("arm.xacro", f'{XACRO}<xacro:include filename="pipe"/></robot>', "includes .*pipe, which is no file"),
+        ("arm.xml", '<mujoco><include file="pipe"/></mujoco>', "includes .*pipe, which is no file"),
+        (
+            "arm.xml",
+            f"<mujoco><worldbody>{2 * MANY}<geom size='1'/>{2 * '</replicate>'}</worldbody></mujoco>",
+            "replicates an element more than 10,000 times",
+        ),
+    ],
+)
+def test_a_file_that_would_never_be_read_to_its_end_is_refused(arm, tmp_path, name, text, message):
+    arm_file = tmp_path / name
+    arm_file.write_text(text)
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(ValueError, match=message):
+        custom_robot(arm_file, "base", "tip")
 
 
 def test_arguments_of_a_xacro_file_are_given(arm):

@@ -1,5 +1,6 @@
 """Suites: conditions that can be placed, ceilings on made-up tables, shares of head-room, scenes of one suite alone."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -354,3 +355,24 @@ def test_rows_of_a_suite_are_shown_by_condition(tmp_path, capsys):
     conditions = suite_conditions("buttons-v1")
     with pytest.raises(SettingError, match="no episodes of the conditions of suite=buttons-v1"):
         show_suite("buttons-v1", conditions, on_arm(DIRECT), {})
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"values": ["99", "10"]}, "values are no 0 or 1"),
+        ({"values": ["10"]}, "values are no 0 or 1"),
+        ({"values": ["1", "10"]}, "values are no 0 or 1"),
+        ({"scenes": []}, "scenes are no list of different seeds"),
+        ({"scenes": [[1], [2]]}, "scenes are no list of different seeds"),
+        ({"policies": [None, None]}, "policies are no list of different names"),
+    ],
+)
+def test_ceilings_that_cannot_be_are_refused(tmp_path, change, message):
+    each = {"scenes": [1, 2], "policies": ["a", "b"], "values": ["10", "11"], "candidates": {}}
+    file = tmp_path / "ceilings.json"
+    file.write_text(json.dumps({"conditions": {"ur3": each}}))
+    assert read_ceilings(file)["ur3"].values == ("10", "11")
+    file.write_text(json.dumps({"conditions": {"ur3": each | change}}))
+    with pytest.raises(SettingError, match=message):
+        read_ceilings(file)

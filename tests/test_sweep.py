@@ -246,7 +246,8 @@ def test_a_cluster_s_jobs_store_the_same_rows_and_are_logged(swept, cache, tmp_p
 
 def test_a_sweep_that_is_refused_is_one_line_and_leaves_no_folder(tmp_path):
     (tmp_path / "block_push.yaml").write_text("{{{")
-    (tmp_path / "theirs").mkdir()
+    (tmp_path / "theirs" / "jobs").mkdir(parents=True)
+    (tmp_path / "theirs" / "jobs" / "notes.txt").write_text("not ours")
     for arguments, line in (
         (["robot=ur3,nonsense"], "error: robot=nonsense is not allowed. "),
         (["episodes=-2,-1", "hydra/launcher=basic", "hydra.sweep.dir=theirs"], "error: episodes=-2 is not allowed. "),
@@ -258,4 +259,4 @@ def test_a_sweep_that_is_refused_is_one_line_and_leaves_no_folder(tmp_path):
         command = [sys.executable, "-m", "benchmark.run", "-m", "device=cpu", *arguments]
         ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
         assert ended.returncode == 2 and ended.stderr.startswith(line) and ended.stderr.count("\n") == 1
-        assert {file.name for file in tmp_path.rglob("*")} == {"block_push.yaml", "theirs"}
+        assert {file.name for file in tmp_path.rglob("*")} == {"block_push.yaml", "theirs", "jobs", "notes.txt"}

@@ -1,6 +1,7 @@
 """Paths of poses from files: CSV, NPZ, and LeRobotDatasets of poses or of joint angles."""
 
 import re
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,6 +26,8 @@ FIRST = ("observation.state", "action")
 """Features of a LeRobotDataset in which poses are sought first: measured ones before commanded ones."""
 
 EPISODE = "episode"
+LONGEST_HEADER, MOST_BYTES = 100_000, 10**9
+"""Of a file of poses, in bytes."""
 MOST_COLUMNS = 10_000
 """Numbers of a feature."""
 
@@ -168,18 +171,34 @@ def _some(columns: Mapping[str, Any]) -> str:
 
 
 def _csv(file: Path) -> _Table:
+    _check_size(file.stat().st_size)
     try:
+        with file.open("rb") as opened:
+            header = opened.readline(LONGEST_HEADER + 1)
+        if len(header) > LONGEST_HEADER:
+            raise PoseFileError(f"its first line is longer than {LONGEST_HEADER:,} bytes")
         table = pd.read_csv(file, skipinitialspace=True)
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError, OSError) as error:
         raise PoseFileError(f"it is no table of comma-separated values ({' '.join(str(error).split())})") from error
+    if not isinstance(table.index, pd.RangeIndex):  # pandas takes the first columns for names of rows.
+        raise PoseFileError(f"its rows have more values than its header names, which are {_some(dict.fromkeys(table))}")
     columns = {str(name).strip(): table[name].to_numpy() for name in table}
     return _Table(columns, columns.pop(EPISODE, None))
 
 
+def _check_size(size: int) -> None:
+    if size > MOST_BYTES:
+        raise PoseFileError(f"it takes {size / 1e9:.1f} GB, and {MOST_BYTES / 1e9:g} are read at most")
+
+
 def _npz(file: Path) -> _Table:
     try:
+        with zipfile.ZipFile(file) as packed:
+            _check_size(sum(each.file_size for each in packed.infolist()))
         with file.open("rb") as opened, np.load(opened, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
+    except PoseFileError:
+        raise
     except Exception as error:  # Whatever zipfile, zlib and NumPy raise at bytes that are none of theirs.
         said = " ".join(str(error).split()) or type(error).__name__
         raise PoseFileError(f"it is damaged, or no .npz file of plain arrays ({said})") from error
@@ -238,12 +257,14 @@ def _names(names: Any, shape: Any) -> list[str]:
         if shape[0] > MOST_COLUMNS:
             raise ValueError(f"a feature has {shape[0]} numbers, and {MOST_COLUMNS} are read at most")
         return [f"[{i}]" for i in range(int(shape[0]))]
+    if not all(str(name).isprintable() for name in names or []):
+        raise ValueError("a feature has a name that cannot be printed")
     return [str(name) for name in names or []]
 
 
 def _numbers(column: np.ndarray, name: str) -> np.ndarray:
-    if column.dtype.kind == "c":
-        raise PoseFileError(f"column {name} has complex numbers")
+    if column.dtype.kind not in "iufOUS":
+        raise PoseFileError(f"column {name} holds {column.dtype}, which is no number")
     numbers = pd.to_numeric(pd.Series(column), errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
     if len(bad := np.flatnonzero(np.isnan(numbers))):
         row = int(bad[0])
@@ -254,6 +275,8 @@ def _numbers(column: np.ndarray, name: str) -> np.ndarray:
 
 def _whole(episodes: np.ndarray | None) -> np.ndarray | None:
     """Episodes as whole numbers; names are numbered as they come."""
+    if episodes is not None and (episodes.ndim != 1 or episodes.dtype.kind not in "iufUSO"):
+        raise PoseFileError(f"column {EPISODE} holds {episodes.dtype} of shape {episodes.shape}, no numbers or names")
     if episodes is None or episodes.dtype.kind in "iu":
         return episodes
     if episodes.dtype.kind == "f":
@@ -262,4 +285,7 @@ def _whole(episodes: np.ndarray | None) -> np.ndarray | None:
             row = int(np.argmin(whole))
             raise PoseFileError(f"Row {row + 1} has {episodes[row]} in column {EPISODE}, which is no whole number")
         return episodes.astype(np.int64)
-    return pd.factorize(episodes)[0].astype(np.int64)
+    try:
+        return pd.factorize(episodes)[0].astype(np.int64)
+    except TypeError as error:
+        raise PoseFileError(f"column {EPISODE} holds no numbers or names ({error})") from error

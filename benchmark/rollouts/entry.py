@@ -67,13 +67,13 @@ class Entry:
             raise SettingError(f"entry={folder} is no entry: it lacks entry.yaml. See docs/submit.md.")
         try:
             text = given_text(file, MOST_BYTES)
-            if "${" in text:
-                raise SettingError(f"{file} has ${{...}}. What it says stands in the file itself: write the value.")
             if text.count("[") + text.count("{") > MOST_BRACKETS:
                 raise SettingError(f"{file} cannot be read: it has lists in lists. It is a few lines of key: value.")
             if any(isinstance(token, AliasToken) for token in scan(text)):
                 raise SettingError(f"{file} has *names of other values. Write each value.")
             said = OmegaConf.load(file)
+            if "${" in str(OmegaConf.to_container(said, resolve=False)):
+                raise SettingError(f"{file} has ${{...}}. What it says stands in the file itself: write the value.")
         except SettingError:
             raise
         except Exception as error:  # What YAML makes of a value raises whatever it comes across.

@@ -6,6 +6,7 @@ better than any of them is, is in no choice. An oracle has no policy: it did in 
 """
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -142,9 +143,18 @@ def read_ceilings(file: Path) -> dict[str, Ceiling]:
     if not file.exists():
         return {}
     try:
-        return {
+        ceilings = {
             name: Ceiling(tuple(each["scenes"]), tuple(each["policies"]), tuple(each["values"]), each["candidates"])
             for name, each in given_json(file)["conditions"].items()
         }
+        for name, each in ceilings.items():
+            scenes, policies, values = each.scenes, each.policies, each.values
+            if not all(type(scene) is int for scene in scenes) or len({*scenes}) != len(scenes) or not scenes:
+                raise ValueError(f"{name}: scenes are no list of different seeds")
+            if not all(type(each) is str for each in policies) or len({*policies}) != len(policies) or not policies:
+                raise ValueError(f"{name}: policies are no list of different names")
+            if len(values) != len(policies) or not all(re.fullmatch(f"[01]{{{len(scenes)}}}", each) for each in values):
+                raise ValueError(f"{name}: values are no 0 or 1 for each scene, of each policy")
+        return ceilings
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise SettingError(f"{file} holds no ceilings ({error!r:.200}). See benchmark.studies.ceilings.") from error

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmark.settings.setting import SettingError
 from policies.methods import in_task
 
 if TYPE_CHECKING:
@@ -17,12 +18,22 @@ KEY = ["task", "method", "lambda"]
 
 def with_times(ranking: "pd.DataFrame", file: Path = FILE) -> "pd.DataFrame":
     """A ranking of methods with a column `step_ms`, the mean per control step, of several tasks the longest; NaN where
-    it is not known."""
+    it is not known.
+
+    Raises:
+        SettingError: If the file is damaged.
+    """
     import pandas as pd
 
-    if ranking.empty or not file.exists():
+    if ranking.empty or not file.is_file():
         return ranking.assign(step_ms=np.nan)
-    known = pd.read_csv(file).set_index(KEY).mean_ms
+    try:
+        known = pd.read_csv(file).set_index(KEY).mean_ms.astype(float)
+    except (ValueError, KeyError, AttributeError) as error:
+        raise SettingError(
+            f"{file} holds no decision times ({error!r:.200}). Remove it, or measure anew: "
+            "python -m benchmark.studies.decision_time"
+        ) from error
     times = (
         [known.get((task, in_task(row.method, task), scale), np.nan) for task, scale in row.scales.items()]
         for _, row in ranking.iterrows()

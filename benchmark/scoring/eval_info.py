@@ -84,10 +84,15 @@ def _episodes(info: Any) -> Iterator[tuple]:
         yield from _of_task(task, task["metrics"])
 
 
+LONGEST_NAME = 200
+
+
 def _of_task(task: dict[str, Any], metrics: dict[str, Any]) -> Iterator[tuple]:
     group, task_id, env = task.get("task_group", ""), task.get("task_id", 0), task.get("env", "")
     named = isinstance(group, str) and type(task_id) is int and abs(task_id) < 1 << 63 and isinstance(env, str)
-    _check(named, f"a task has task_group={group!r}, task_id={task_id!r:.40} and env={env!r}")
+    _check(named, f"a task has task_group={group!r:.40}, task_id={task_id!r:.40} and env={env!r:.40}")
+    shown = f"{group}{env}".isprintable() and max(len(group), len(env)) <= LONGEST_NAME
+    _check(shown, f"task_group={group!r:.40} or env={env!r:.40} is no short name that can be printed")
     name, successes, rewards = f"{group} {task_id}", metrics.get("successes"), metrics.get("sum_rewards")
     if not (isinstance(successes, list) and isinstance(rewards, list) and len(successes) == len(rewards)):
         raise ValueError(f"{name} has no lists successes and sum_rewards of one length")
@@ -109,7 +114,7 @@ def _seed(value: Any) -> int | None:
 
 
 def _yes_or_no(value: Any) -> bool:
-    _check(value in (0, 1), f"a success is {value!r}, not true or false")
+    _check(value in (0, 1), f"a success is {value!r:.40}, not true or false")
     return bool(value)
 
 

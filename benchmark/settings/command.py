@@ -13,6 +13,7 @@ from typing import NoReturn
 
 import hydra
 import platformdirs
+import yaml
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException, MissingConfigException
 from hydra.types import RunMode
@@ -20,13 +21,13 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from benchmark.settings.composition import file_groups, files_of, register
+from benchmark.settings.given_configs import check_given
 from benchmark.settings.help import help_text
 from benchmark.settings.overrides import checked, named, split
 from benchmark.settings.run_folder import clear_run_folder
 from benchmark.settings.setting import Raised, Setting, SettingError, settings_of
 from benchmark.settings.typed import typed
 from richmap.outputs import OF_DISKS, CacheError, DrawingError, FileRefusedError
-from richmap.worker import look_for_garbage_rarely
 
 COMPLETION = """\
 _complete_benchmark() {
@@ -73,7 +74,6 @@ def run_command[Config](
         positional: Settings that may be given by their place, without their names.
         goes_on: Whether it stores what it finishes, and goes on from there when it is called again.
     """
-    look_for_garbage_rarely()
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # As a shell has it for what runs in the background.
         signal.signal(signal.SIGINT, _raising(KeyboardInterrupt))
     signal.signal(signal.SIGTERM, _raising(_Terminated))
@@ -85,6 +85,7 @@ def run_command[Config](
         if os.environ.get("MUJOCO_GL"):
             import envs  # noqa: F401, which says whether MuJoCo loads with that.
         flags, overrides = split(sys.argv[1:])
+        check_given(flags, overrides, file_groups(name))
         overrides = named(overrides, positional, settings_of(schema))
         register(schema, name)
         sweeps = not {"-m", "--multirun"}.isdisjoint(flags) or any(
@@ -120,6 +121,8 @@ def _one_line_for_errors(gone_on: Sequence[str]) -> Iterator[None]:
         _refuse(error)
     except HydraException as error:
         _refuse(_in_our_words(error))
+    except yaml.YAMLError as error:  # Of a file that Hydra composes.
+        _refuse(SettingError(" ".join(str(error).split())))
     except BrokenProcessPool:
         _end(1, "error: A worker process was killed, perhaps for want of memory.", *gone_on)
     except MemoryError:

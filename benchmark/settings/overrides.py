@@ -21,7 +21,6 @@ FLAGS = {
     **dict.fromkeys(["--help", "-h", "--hydra-help", "--version", "--resolve", "--run", "-r", "--multirun", "-m"]),
     **dict.fromkeys(["--shell-completion", "-sc"]),
     **dict.fromkeys(["--package", "-p", "--config-path", "-cp", "--config-name", "-cn", "--config-dir", "-cd"], ()),
-    **dict.fromkeys(["--experimental-rerun"], ()),
     **dict.fromkeys(["--cfg", "-c"], PRINTED),
     **dict.fromkeys(["--info", "-i"], INFOS),
 }

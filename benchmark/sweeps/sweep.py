@@ -6,11 +6,10 @@ python -m benchmark.run -m experiment=transfer robot=ur3 seed=42 lambda=0,2,4
 import json
 import math
 import os
-import shutil
 import sys
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -38,7 +37,7 @@ MOST_FAILED = 20
 """How many failed jobs are said one by one."""
 
 _BEGUN: list[tuple[Path, WandbConfig, list[Path]]] = []
-"""Folder of the sweep of this process, how it is logged, and the folders that were made for it."""
+"""Folder of the sweep of this process, how it is logged, and the file and the folders that are made for it."""
 
 
 class SweepStart(Callback):
@@ -54,10 +53,10 @@ class SweepStart(Callback):
             folder, wandb, jobs = Path(config.hydra.sweep.dir), typed(config.wandb, WandbConfig), count_jobs(config)
         except Exception as error:
             raise Raised from error
-        made = missing_folders(folder)
-        shutil.rmtree(folder / "jobs", ignore_errors=True)
+        made = [folder / "multirun.yaml", *missing_folders(folder)] if not (folder / "multirun.yaml").exists() else []
+        _clear_jobs(folder)
         try:
-            (folder / "jobs").mkdir(parents=True)
+            (folder / "jobs").mkdir(parents=True, exist_ok=True)
         except OSError:
             return  # Hydra cannot make the folder either, and refuses it; of an error here it would only warn.
         (folder / "jobs" / "total").write_text(str(jobs))
@@ -73,6 +72,9 @@ def count_jobs(config: DictConfig) -> int:
     parser = OverridesParser.create(config_loader=GlobalHydra.instance().config_loader())
     params = [f"{key}={value}" for key, value in (config.hydra.sweeper.params or {}).items()]
     overrides = parser.parse_overrides([*params, *config.hydra.overrides.task])
+    for override in overrides:  # Hydra goes through all of them, also of a setting that is given again.
+        if override.is_sweep_override() and len([*islice(override.sweep_string_iterator(), MOST_JOBS + 1)]) > MOST_JOBS:
+            raise SettingError(f"The sweep has more than {MOST_JOBS:,} combinations. Give it fewer values.")
     last = {override.key_or_group: override for override in overrides}
     swept = {name: override for name, override in last.items() if override.is_sweep_override()}
     values = {name: [*islice(override.sweep_string_iterator(), MOST_JOBS + 1)] for name, override in swept.items()}
@@ -84,6 +86,15 @@ def count_jobs(config: DictConfig) -> int:
             if times > 1:
                 raise SettingError(f"The sweep has {name}={value} {times} times. Give each value once.")
     return jobs
+
+
+def _clear_jobs(folder: Path) -> None:
+    """Remove what a sweep wrote down of its jobs, and their folder, if nothing else is in it."""
+    with suppress(OSError):  # There is none, or something else is in it.
+        for file in [folder / "jobs" / "total", *(folder / "jobs").glob("*.json")]:
+            if file.stem.isdigit() or file.name == "total":
+                file.unlink(missing_ok=True)
+        (folder / "jobs").rmdir()
 
 
 @contextmanager
@@ -99,9 +110,10 @@ def sweeping() -> Iterator[None]:
             end_sweep(*_BEGUN[0][:2])
     except (SettingError, HydraException, OmegaConfBaseException):
         for folder, _, made in _BEGUN:
-            shutil.rmtree(folder / "jobs", ignore_errors=True)
-            (folder / "multirun.yaml").unlink(missing_ok=True)
-            remove_empty(made)
+            _clear_jobs(folder)
+            for file in made[:1]:
+                file.unlink(missing_ok=True)
+            remove_empty(made[1:])
         raise
     finally:
         _BEGUN.clear()

@@ -38,7 +38,14 @@ def custom_robot(
         ValueError: If there is no such file, frame or mesh, or the arm is none that maps are made of: joints that are
             not revolute, that have no limits or are coupled, a base that does not carry the end effector.
     """
-    file = Path(path).expanduser().resolve()
-    of_pairs = None if srdf is None else Path(srdf).expanduser().resolve()
+    file = _there(path)
+    of_pairs = None if srdf is None else _there(srdf)
     robot = read_arm(file, base, end_effector, approach, of_pairs, ignore, arguments=arguments)
     return replace(robot, name=f"custom-{file.stem}-{robot.fingerprint[:8]}")  # Files of one name are different arms.
+
+
+def _there(path: Path | str) -> Path:
+    try:
+        return Path(path).expanduser().resolve()
+    except (RuntimeError, OSError) as error:  # There is no such user, or no file can be called so.
+        raise ValueError(f"there is no file {str(path):.200} ({error})") from error

@@ -36,6 +36,7 @@ def read_mjcf(path: Path) -> tuple[str, Pairs]:
     Raises:
         ValueError: If MuJoCo cannot read the file, a mesh is missing, or a shape has no counterpart in URDF.
     """
+    _check_size(path)
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         files = _strip_looks(spec, path)
@@ -44,7 +45,7 @@ def read_mjcf(path: Path) -> tuple[str, Pairs]:
         except ValueError:  # Perhaps of a moving body that has no mass without its looks.
             spec.compiler.boundmass, spec.compiler.boundinertia = LEAST_MASS, LEAST_INERTIA
             model = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
+    except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise ValueError(f"{path} is no MJCF that MuJoCo reads: {error}") from error
     robot = ET.Element("robot", name=spec.modelname or path.stem)
     names = [model.body(i).name or f"body{i}" for i in range(model.nbody)]
@@ -64,6 +65,36 @@ def read_mjcf(path: Path) -> tuple[str, Pairs]:
             ET.SubElement(robot, "link", name=site.name)
     _mark_coupled(robot, model)
     return ET.tostring(robot, encoding="unicode"), _apart(model, names)
+
+
+MOST_COPIES = 10_000
+"""Of an element, by `<replicate>`."""
+
+
+def _check_size(path: Path) -> None:
+    """Refuse a file that MuJoCo would wait for, or that asks for more copies than an arm has parts.
+
+    Raises:
+        ValueError: If it does.
+    """
+
+    def look(element: ET.Element, copies: int) -> None:
+        if element.tag == "replicate":
+            count = element.get("count", "1")
+            copies *= int(count) if count.isdigit() else 1
+            if copies > MOST_COPIES:
+                raise ValueError(f"{path} replicates an element more than {MOST_COPIES:,} times")
+        included = path.parent / element.get("file", ".")
+        if element.tag == "include" and included.exists() and not included.is_file():
+            raise ValueError(f"{path} includes {included}, which is no file")
+        for each in element:
+            look(each, copies)
+
+    try:
+        root = ET.parse(path).getroot()
+    except (ET.ParseError, ValueError, LookupError):  # MuJoCo says what is wrong.
+        return
+    look(root, 1)
 
 
 def _apart(model: mujoco.MjModel, names: list[str]) -> Pairs:

@@ -1,6 +1,8 @@
 """Files that a description names: by path, as `file://` or as `package://`; and xacro, expanded without ROS."""
 
+import ast
 import os
+import re
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
@@ -142,6 +144,35 @@ def expanded(file: Path, arguments: str = "") -> ET.Element:
         ) from error
 
 
+REFUSED = (ast.Lambda, ast.GeneratorExp, ast.NamedExpr, ast.Await, ast.Yield, ast.YieldFrom)
+"""Parts of Python from which an expression gets at the interpreter's own objects."""
+INNER = re.compile("_|(gi|cr|ag|tb|co|func|f)_|format|mro$")
+"""How names of attributes begin that do so, too."""
+MOST_REPEATED, HIGHEST_POWER = 1_000_000, 64
+
+
+def _check_expression(expression: str) -> None:
+    """Refuse an expression of a xacro file that reaches for Python's inner names, or makes something huge.
+
+    Raises:
+        ValueError: If it does.
+    """
+    if "__" in expression:
+        raise ValueError(f"expression {expression:.200} has two underscores on end, which are not evaluated")
+    for node in ast.walk(ast.parse(expression.strip(), mode="eval")):
+        if isinstance(node, REFUSED) or (isinstance(node, ast.Attribute) and INNER.match(node.attr)):
+            raise ValueError(f"expression {expression:.200} has {ast.unparse(node):.100}, which is not evaluated")
+        if not isinstance(node, ast.BinOp):
+            continue
+        constants = [each.value for each in (node.left, node.right) if isinstance(each, ast.Constant)]
+        numbers = [each for each in constants if isinstance(each, int | float)]
+        power, least = isinstance(node.op, ast.Pow), HIGHEST_POWER if isinstance(node.op, ast.Pow) else MOST_REPEATED
+        nested = power and any(isinstance(each, ast.BinOp) for each in (node.left, node.right))
+        repeats = isinstance(node.op, ast.Mult) and any(isinstance(each, str) for each in constants)
+        if nested or ((power or repeats) and any(abs(each) > least for each in numbers)):
+            raise ValueError(f"expression {expression:.200} may be huge, and is not evaluated")
+
+
 @contextmanager
 def _finding(file: Path) -> Iterator[None]:
     """Within it, xacro finds packages, and evaluates no expression that reaches for Python's inner names."""
@@ -154,20 +185,26 @@ def _finding(file: Path) -> Iterator[None]:
         raise ValueError(f"there is no package {name!r} in the folders above it, AMENT_PREFIX_PATH or ROS_PACKAGE_PATH")
 
     def evaluate(expression: str, *names: dict) -> object:
-        if "__" in expression:
-            raise ValueError(f"expression {expression!r} has two underscores on end, which are not evaluated")
+        _check_expression(expression)
         return safe_eval(expression, *names)
+
+    def get_include_files(name: str, symbols: object) -> Iterator[str]:
+        for included in include_files(name, symbols):
+            if os.path.exists(included) and not os.path.isfile(included):  # To open a pipe would wait for its writer.
+                raise ValueError(f"it includes {included}, which is no file")
+            yield included
 
     packages = ModuleType("ament_index_python.packages")
     packages.__dict__["get_package_share_directory"] = get_package_share_directory
     ours = {"ament_index_python": ModuleType("ament_index_python"), "ament_index_python.packages": packages}
     before, safe_eval = {name: sys.modules.get(name) for name in ours}, xacro.safe_eval
+    include_files = xacro.get_include_files
     sys.modules.update(ours)
-    xacro.safe_eval = evaluate
+    xacro.safe_eval, xacro.get_include_files = evaluate, get_include_files
     try:
         yield
     finally:
-        xacro.safe_eval = safe_eval
+        xacro.safe_eval, xacro.get_include_files = safe_eval, include_files
         for name, module in before.items():
             if module is None:
                 del sys.modules[name]

@@ -1,0 +1,47 @@
+"""Files of settings that a stranger sends are data: none of them runs code, and each is refused in a line."""
+
+import pytest
+
+from benchmark.settings.given_configs import check_given
+from benchmark.settings.setting import SettingError
+
+GROUPS = ["experiment", "suite"]
+
+
+def given(folder, text, name="mine"):
+    (folder / "experiment").mkdir(exist_ok=True)
+    (folder / "experiment" / f"{name}.yaml").write_text(text)
+    return ["--config-dir", str(folder)]
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("hydra: {callbacks: {evil: {_target_: pandas.read_pickle}}}", "sets hydra.callbacks, by which code is run"),
+        ("hydra: {job_logging: {handlers: {}}}", "sets hydra.job_logging"),
+        ("hydra: {sweeper: {_target_: os.system}}", "sets _target_"),
+        ("map: {cell_size: {_target_: os.getcwd}}", "sets _target_"),
+        ("lambda: [1, 2", "is no file of settings"),
+        ("lambda: !!python/object/apply:os.system [ls]", "is no file of settings"),
+        ("", "holds no settings"),
+        ("- 1", "holds no settings"),
+        ("defaults: [mine]", "names itself in its defaults"),
+        ("defaults: [_self_, other]", "other.yaml sets hydra.callbacks"),
+        ("defaults: [{/experiment: other}]", "other.yaml sets hydra.callbacks"),
+    ],
+)
+def test_a_file_that_names_code_or_is_damaged_is_refused(tmp_path, text, message):
+    given(tmp_path, "hydra: {callbacks: {}, job: {name: x}}", "other")
+    flags = given(tmp_path, text)
+    with pytest.raises(SettingError, match=message):
+        check_given(flags, ["robot=ur3", "experiment=mine"], GROUPS)
+    with pytest.raises(SettingError, match="mine.yaml|other.yaml"):
+        check_given(flags, ["experiment=glob(*)"], GROUPS)
+    check_given(flags, ["robot=ur3"], GROUPS)  # It is not taken.
+
+
+def test_ordinary_files_pass(tmp_path):
+    text = (
+        "# @package _global_\ndefaults: [_self_]\nrobot: ur3\nhydra: {mode: MULTIRUN, sweeper: {params: {lambda: 0}}}"
+    )
+    check_given(given(tmp_path, text), ["experiment=mine,there-is-none"], GROUPS)
