@@ -146,8 +146,8 @@ def expanded(file: Path, arguments: str = "") -> ET.Element:
 
 REFUSED = (ast.Lambda, ast.GeneratorExp, ast.NamedExpr, ast.Await, ast.Yield, ast.YieldFrom)
 """Parts of Python from which an expression gets at the interpreter's own objects."""
-INNER = re.compile("_|(gi|cr|ag|tb|co|func|f)_|format|mro$")
-"""How names of attributes begin that do so, too."""
+INNER = re.compile(r"_|(gi|cr|ag|tb)_(frame|code|next|await|yieldfrom)$|f_(back|builtins|code|globals|locals)$|mro$")
+"""Names of attributes that do so, too."""
 MOST_REPEATED, HIGHEST_POWER = 1_000_000, 64
 
 
