@@ -34,14 +34,28 @@ def test_a_file_that_names_code_or_is_damaged_is_refused(tmp_path, text, message
     given(tmp_path, "hydra: {callbacks: {}, job: {name: x}}", "other")
     flags = given(tmp_path, text)
     with pytest.raises(SettingError, match=message):
-        check_given(flags, ["robot=ur3", "experiment=mine"], GROUPS)
+        check_given(flags, ["robot=ur3", "experiment=mine"], GROUPS, "run")
     with pytest.raises(SettingError, match="mine.yaml|other.yaml"):
-        check_given(flags, ["experiment=glob(*)"], GROUPS)
-    check_given(flags, ["robot=ur3"], GROUPS)  # It is not taken.
+        check_given(flags, ["experiment=glob(*)"], GROUPS, "run")
+    check_given(flags, ["robot=ur3"], GROUPS, "run")  # It is not taken.
+
+
+@pytest.mark.parametrize("override", ["experiment@_global_=mine", "+experiment=mine", "hydra.searchpath=[file:///tmp]"])
+def test_no_other_way_leads_to_such_a_file(tmp_path, override):
+    flags = given(tmp_path, "hydra: {callbacks: {}, job: {name: x}}\nx: {_target_: os.getcwd}")
+    with pytest.raises(SettingError, match="code is run|hydra.searchpath is not allowed"):
+        check_given(flags, [override], GROUPS, "run")
+
+
+def test_a_primary_file_of_ones_own_is_looked_at_too(tmp_path):
+    (tmp_path / "run.yaml").write_text("x: {_target_: os.getcwd}")
+    for flags in (["--config-path", str(tmp_path)], ["-cd", str(tmp_path), "-cn", "run.yaml"]):
+        with pytest.raises(SettingError, match="run.yaml sets _target_"):
+            check_given(flags, [], GROUPS, "run")
 
 
 def test_ordinary_files_pass(tmp_path):
     text = (
         "# @package _global_\ndefaults: [_self_]\nrobot: ur3\nhydra: {mode: MULTIRUN, sweeper: {params: {lambda: 0}}}"
     )
-    check_given(given(tmp_path, text), ["experiment=mine,there-is-none"], GROUPS)
+    check_given(given(tmp_path, text), ["experiment=mine,there-is-none"], GROUPS, "run")

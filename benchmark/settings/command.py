@@ -85,7 +85,7 @@ def run_command[Config](
         if os.environ.get("MUJOCO_GL"):
             import envs  # noqa: F401, which says whether MuJoCo loads with that.
         flags, overrides = split(sys.argv[1:])
-        check_given(flags, overrides, file_groups(name))
+        check_given(flags, overrides, file_groups(name), name)
         overrides = named(overrides, positional, settings_of(schema))
         register(schema, name)
         sweeps = not {"-m", "--multirun"}.isdisjoint(flags) or any(

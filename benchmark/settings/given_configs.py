@@ -15,17 +15,22 @@ NAMES_CODE = ("_target_", "()", "class")
 MOST_FILES, MOST_BYTES = 1000, 100_000
 
 
-def check_given(flags: Sequence[str], overrides: Sequence[str], groups: Sequence[str]) -> None:
-    """Look through the files that are taken from the folders of --config-dir, and those that their defaults name.
+def check_given(flags: Sequence[str], overrides: Sequence[str], groups: Sequence[str], name: str) -> None:
+    """Look through the files that a command of this name takes from the folders of --config-dir and --config-path, and
+    those that their defaults name.
 
     Raises:
         SettingError: If a file is no YAML, asks for code to be run, or its defaults name each other in a circle.
     """
     given = [(flag, Path(value)) for flag, value in zip(flags, flags[1:], strict=False)]
-    for folder in (value for flag, value in given if flag in ("--config-dir", "-cd")):
-        chosen = [folder / f"{value}.yaml" for flag, value in given if flag in ("--config-name", "-cn")]
+    if any(override.lstrip("+").startswith("hydra.searchpath") for override in overrides):
+        raise SettingError("hydra.searchpath is not allowed. Allowed: a folder of files of your own by --config-dir.")
+    primary = [str(value) for flag, value in given if flag in ("--config-name", "-cn")] or [name]
+    for folder in (value for flag, value in given if flag in ("--config-dir", "-cd", "--config-path", "-cp")):
+        chosen = [folder / f"{each.removesuffix('.yaml')}.yaml" for each in primary]
         for override in overrides:
             group, _, values = override.lstrip("+").partition("=")
+            group = group.partition("@")[0]
             if group not in groups and not group.startswith("hydra/"):
                 continue
             if re.fullmatch(r"[\w/.,-]+", values):
