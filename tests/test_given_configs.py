@@ -28,10 +28,15 @@ def given(folder, text, name="mine"):
         ("defaults: [mine]", "names itself in its defaults"),
         ("defaults: [_self_, other]", "other.yaml sets hydra.callbacks"),
         ("defaults: [{/experiment: other}]", "other.yaml sets hydra.callbacks"),
+        ("defaults: [{override /experiment: other}]", "other.yaml sets hydra.callbacks"),
+        ("defaults: [{deeper@_here_: [other]}]", "other.yaml sets hydra.callbacks"),
     ],
 )
 def test_a_file_that_names_code_or_is_damaged_is_refused(tmp_path, text, message):
-    given(tmp_path, "hydra: {callbacks: {}, job: {name: x}}", "other")
+    hostile = "hydra: {callbacks: {}, job: {name: x}}"
+    given(tmp_path, hostile, "other")
+    (tmp_path / "experiment" / "deeper").mkdir()
+    (tmp_path / "experiment" / "deeper" / "other.yaml").write_text(hostile)
     flags = given(tmp_path, text)
     with pytest.raises(SettingError, match=message):
         check_given(flags, ["robot=ur3", "experiment=mine"], GROUPS, "run")

@@ -60,15 +60,18 @@ def _check_file(file: Path, folder: Path, above: list[Path]) -> None:
     defaults = said.get("defaults")
     for entry in defaults if isinstance(defaults, list) else []:
         for name in _named(entry):
-            beside = (folder if name.startswith("/") or not isinstance(entry, str) else file.parent) / name.lstrip("/")
-            if (named_file := beside.with_name(f"{beside.name}.yaml")).exists():
-                _check_file(named_file, folder, [*above, file])
+            for root in {folder} if name.startswith("/") else {folder, file.parent}:
+                if (named_file := root / f"{name.lstrip('/')}.yaml").exists():
+                    _check_file(named_file, folder, [*above, file])
 
 
 def _named(entry: Any) -> list[str]:
-    """What an entry of a list of defaults names: files without their ending, seen from its own folder or the first."""
+    """What an entry of a list of defaults names: files without their ending."""
     if isinstance(entry, dict):
-        groups = {str(group).split()[-1] if str(group).strip() else "": names for group, names in entry.items()}
+        groups = {
+            str(group).split()[-1].partition("@")[0] if str(group).strip() else "": names
+            for group, names in entry.items()
+        }
         return [
             f"{group}/{name}"
             for group, names in groups.items()
