@@ -59,12 +59,13 @@ class FlangePath:
         """Approach directions that a chunk commands, one after another; None as in `pointing`."""
         if not self.space.steps.ahead:
             return None
+        turns = self.turns(actions)
+        angles = turns.norm(dim=2, keepdim=True).clamp(min=1e-9)
+        parts = (turns / angles, 1 - angles.cos(), angles.cos(), angles.sin())
         now, directions = state[:, self._direction(self.space.commanded)], []
-        for turn in self.turns(actions).unbind(1):
-            angle = turn.norm(dim=1, keepdim=True).clamp(min=1e-9)
-            axis = turn / angle
-            along = (axis * now).sum(1, keepdim=True) * (1 - angle.cos())
-            now = now * angle.cos() + torch.linalg.cross(axis, now) * angle.sin() + axis * along
+        for axis, versine, cosine, sine in zip(*(part.unbind(1) for part in parts), strict=True):
+            along = (axis * now).sum(1, keepdim=True) * versine
+            now = now * cosine + torch.linalg.cross(axis, now) * sine + axis * along
             directions.append(now)
         return torch.stack(directions, 1)
 
@@ -105,9 +106,9 @@ class FlangePath:
         with torch.inference_mode(False), torch.enable_grad():
             free = actions.clone().requires_grad_()
             reached = poses(free, state.clone())
-            found = slopes(*reached)
-            along = sum((pose * slope).sum() for pose, slope in zip(reached, found, strict=True))
-            (gradient,) = torch.autograd.grad(along, free)
+            found = zip(reached, slopes(*reached), strict=True)
+            moved, along = zip(*((pose, slope) for pose, slope in found if pose.requires_grad), strict=True)
+            (gradient,) = torch.autograd.grad(moved, free, along)
         return gradient
 
     def turns(self, actions: Float[Tensor, "*b action"]) -> Float[Tensor, "*b 3"]:
