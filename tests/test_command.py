@@ -267,7 +267,7 @@ def test_a_file_gives_settings_by_the_names_that_are_typed(give, tmp_path, said,
     (tmp_path / "experiment" / "mine.yaml").write_text(f"# @package _global_\n{said}\n")
     ended = give(run.main, RunConfig, "run", "--config-dir", str(tmp_path), "experiment=mine")
     assert ended.status == 2
-    assert ended.errors == [f"error: There is no setting '{name}', which a file gives. Take it out of the file."]
+    assert ended.errors == [f"error: There is no setting '{name}'. Take it out of the file or call that gives it."]
 
 
 def test_a_shell_completes_settings_and_choices(give, monkeypatch):

@@ -1,6 +1,9 @@
 """What a Python user calls: `richmap` and `benchmark` themselves."""
 
+import inspect
+
 import numpy as np
+import pandas as pd
 import pytest
 
 import benchmark
@@ -53,3 +56,32 @@ def test_a_policy_is_evaluated_and_compared_scene_by_scene(brief, tmp_path):
     assert (compared.low <= compared.difference).all() and (compared.difference <= compared.high).all()
     with pytest.raises(SettingError, match="no scene in common"):
         benchmark.compare(pushed, direct.assign(episode_seed=direct.episode_seed + 10))
+
+
+def test_an_argument_of_another_type_is_named():
+    """As for a user, without the type checks that tests run under."""
+    build_map, check, compare, evaluate = map(
+        inspect.unwrap, (richmap.build_map, richmap.check, benchmark.compare, benchmark.evaluate)
+    )
+    ur3 = richmap.load_robot("ur3")
+    tool_down = [[0.3, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0]]
+    for wrong in (lambda: build_map("ur3"), lambda: check("ur3", tool_down)):
+        with pytest.raises(TypeError, match=r"^robot is a RobotDescription, as richmap.load_robot gives it. Got 'ur3'"):
+            wrong()
+    with pytest.raises(TypeError, match=r"^robot_map is a ReachabilityMap, .*'a.safetensors'"):
+        check(ur3, tool_down, robot_map="a.safetensors")
+    rows = pd.DataFrame({"task": ["block_push"], "episode_seed": [50_000]})
+    for wrong, why in (([1, 2], r"Got \[1, 2\]"), (pd.DataFrame({"a": [1]}), "Got columns a")):
+        with pytest.raises(SettingError, match=why):
+            compare(rows, wrong)
+    with pytest.raises(SettingError, match="a scene more than once"):
+        compare(rows, pd.concat([rows, rows]))
+    for given, why in (
+        ({"episodes": "five"}, "episodes=five is not allowed"),
+        ({"episode": 5}, "There is no setting 'episode'"),
+        ({"robot": 3}, "robot=3 is not allowed"),
+        ({"map": 0.05}, "map=0.05 is not allowed"),
+        ({"scale": "much"}, "lambda=much is not allowed"),
+    ):
+        with pytest.raises(SettingError, match=why):
+            evaluate(**{"policy": "seed42-1", "robot": "ur3"} | given)

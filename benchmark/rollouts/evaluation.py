@@ -4,12 +4,14 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from omegaconf import OmegaConf
 
 from benchmark.artifacts.known_policies import policy_folder
 from benchmark.rollouts.chosen_players import chosen_players
 from benchmark.rollouts.missing_episodes import play_and_store
 from benchmark.settings.config import RunConfig
 from benchmark.settings.robot_config import RobotConfig
+from benchmark.settings.typed import typed
 from richmap.progress import plain_console
 
 
@@ -42,15 +44,15 @@ def evaluate(
         SettingError: If a setting has a value that it cannot have, or a piece is missing.
     """
     folder = policy_folder(str(policy), settings.get("task", RunConfig.task))
-    config = RunConfig(
-        robot=RobotConfig(robot) if isinstance(robot, str) else robot,
-        method=method,
-        guidance_scale=scale,
-        episodes=episodes,
-        policy=str(folder),
-        output_dir=str(output_dir),
-        **settings,
-    )
+    given = {
+        "robot": robot,
+        "method": method,
+        "lambda": scale,
+        "episodes": episodes,
+        "policy": str(folder),
+        "output_dir": str(output_dir),
+    }
+    config = typed(OmegaConf.create(given | settings), RunConfig)
     (config,), console = config.parts, plain_console(stderr=True)
     *_, player = chosen_players(config, console)  # Direct transfer comes before.
     (rows,) = play_and_store([player], config, console)

@@ -1,7 +1,7 @@
 """The composed settings as an object of their schema."""
 
 import sys
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from functools import reduce
 from typing import Any, cast
 
@@ -28,6 +28,10 @@ def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
         for key in choices_of(schema):
             if isinstance(name := values.get(key), str):  # As files say it that are composed with the others.
                 values[key] = {"name": name}
+        for group in fields(schema):  # type: ignore[arg-type]
+            given = values.get(group.name, {})
+            if is_dataclass(group.type) and not isinstance(given, dict | DictConfig):
+                raise SettingError(f"{group.name}={given} is not allowed. It is settings by name, as in a file.")
         merged = OmegaConf.merge(OmegaConf.structured(schema), values)
         plain: Any = OmegaConf.to_container(merged, resolve=True)
         check_limits(_flat(plain), settings_of(schema))
@@ -49,7 +53,7 @@ def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
 
 
 def _unknown(key: str) -> SettingError:
-    return SettingError(f"There is no setting {key!r}, which a file gives. Take it out of the file.")
+    return SettingError(f"There is no setting {key!r}. Take it out of the file or call that gives it.")
 
 
 def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:

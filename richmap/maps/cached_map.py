@@ -11,6 +11,7 @@ from filelock import FileLock
 from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from richmap.arguments import check_is
 from richmap.cache import cached, fingerprint, seconds
 from richmap.geometry.grid import Grid
 from richmap.maps import construction
@@ -70,8 +71,7 @@ def build_map(
         CacheError: If the map is not in the cache, and that cannot be written to, or it is not to be built.
         ValueError: If the arm cannot be mapped so, or a setting has a value that it cannot have.
     """
-    if not isinstance(robot, RobotDescription):
-        raise TypeError(f"robot is a description, as richmap.load_robot gives it for a name. Got {robot!r}")
+    check_is(RobotDescription, "richmap.load_robot", robot=robot)
     for name, value in (("cell_size", cell_size), ("theta", theta), ("half_width", half_width)):
         if not 0 < value < math.inf:
             raise ValueError(f"{name} is a number above 0. Got {value}")

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
+from richmap.arguments import check_is
 from richmap.maps.reachability_map import ReachabilityMap
 from richmap.motion.closed_form import has_closed_form, solve_closed_form
 from richmap.motion.collision import self_collision
@@ -82,8 +83,11 @@ def check(
         source_map: Map of another arm on the same grid, with which it is compared along the path.
 
     Raises:
+        TypeError: If the arm is no description, or a map is none.
         ValueError: If the poses are no poses, or a map is of another arm or grid.
     """
+    check_is(RobotDescription, "richmap.load_robot", robot=robot)
+    check_is(ReachabilityMap, "richmap.build_map", robot_map=robot_map, source_map=source_map)
     path = poses if isinstance(poses, PosePath) else PosePath.of(poses, episodes, period)
     if robot_map is not None and robot_map.construction.robot_fingerprint != robot.fingerprint:
         raise ValueError(f"The map is of {robot_map.construction.robot}, and the arm is {robot.name}.")
