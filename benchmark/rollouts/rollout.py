@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from benchmark.rollouts.stock_policy import StockPolicy
     from envs.arm.placed_arm import PlacedArm
     from policies.modeling_guided_push import GuidedPushPolicy
+    from richmap.similarity.load_field import StoredField
     from richmap.similarity.signed_distance import SignedDistanceField
 
 
@@ -168,7 +169,6 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
     import policies.configuration_guided_push  # noqa: F401, registers our type
     from benchmark.rollouts.checked_policy import checked_config, checked_policy
     from policies.setup import Setup
-    from richmap.similarity.load_field import load_field
 
     if Checkpoint(rollout.checkpoint).type != GUIDED:
         from benchmark.rollouts.stock_policy import StockPolicy
@@ -176,33 +176,31 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
         return StockPolicy(rollout.checkpoint, rollout.condition.device, rollout.shapes)
     config = checked_config(rollout.checkpoint, rollout.shapes)
     config.device = rollout.condition.device
-    method, scale = METHODS.get(rollout.condition.method), rollout.condition.guidance_scale
-    if method is not None and not method.asks_the_arm:
-        config.guidance, config.guidance_scale = method.name, scale
-    config.guidance_base = rollout.arm.base[:2]
-    config.guidance_seed = max(0, rollout.condition.training_seed)
-    config.energy_field = None if rollout.field is None else str(rollout.field)
+    config.guidance_scale, config.energy_field = 0.0, None  # What guides is of the condition, not of the checkpoint.
     config.noise_scheduler_type = rollout.condition.sampler
     config.num_inference_steps = rollout.condition.sampling_steps
     policy = checked_policy(rollout.checkpoint, config)
-    if method is not None and method.asks_the_arm:
-        field = None if rollout.field is None else load_field(rollout.field)
-        task, arm = rollout.task, rollout.arm  # Methods that the task has nothing for are refused at the door.
+    scale, field, arm, task = rollout.condition.guidance_scale, rollout.field, rollout.arm, rollout.task
+    base, seed = arm.base[:2], max(0, rollout.condition.training_seed)
+    if rollout.guidance is not None:
+        policy.guidance = rollout.guidance.make(scale, field, base, seed, config.space.action.width)
+    else:
+        method = METHODS[rollout.condition.method]
+        known = None if field is None else _field(field, field.stat().st_mtime_ns)
+        # Methods that the task has nothing for are refused at the door.
         model = task.model(arm) if method.imagines and task.model else None
         controller = task.controller(arm) if method.follows and task.controller else None
-        among = _among(rollout) if method.keeps_off(rollout.arm.obstacles) else None
-        policy.guidance = method.make(
-            Setup(scale, field, config.guidance_base, config.guidance_seed, config.space, model, controller, among)
-        )
-    if rollout.guidance is not None:
-        policy.guidance = rollout.guidance.make(
-            rollout.condition.guidance_scale,
-            rollout.field,
-            config.guidance_base,
-            config.guidance_seed,
-            config.space.action.width,
-        )
+        among = _among(rollout) if method.keeps_off(arm.obstacles) else None
+        policy.guidance = method.make(Setup(scale, known, base, seed, config.space, model, controller, among))
     return policy.to(rollout.condition.device).eval()
+
+
+@lru_cache(maxsize=1)
+def _field(file: Path, _: int) -> "StoredField":
+    """Kept with the spline through it, which takes seconds: policies and scales of an arm look at one field."""
+    from richmap.similarity.load_field import load_field
+
+    return load_field(file)
 
 
 def _among(rollout: Rollout) -> "Callable[[np.ndarray], SignedDistanceField] | None":
