@@ -19,7 +19,7 @@ from benchmark.episodes.episode import Condition, Episode
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.settings.setting import SettingError
 from envs.task import Task
-from policies.methods import METHODS
+from policies.methods import DIRECT, METHODS
 
 if TYPE_CHECKING:
     import torch
@@ -185,7 +185,7 @@ def load_policy(rollout: Rollout) -> "GuidedPushPolicy | StockPolicy":
     if rollout.guidance is not None:
         policy.guidance = rollout.guidance.make(scale, field, base, seed, config.space.action.width)
     else:
-        method = METHODS[rollout.condition.method]
+        method = METHODS.get(rollout.condition.method, METHODS[DIRECT])  # An entry's policy bears the entry's name.
         known = None if field is None else _field(field, field.stat().st_mtime_ns)
         # Methods that the task has nothing for are refused at the door.
         model = task.model(arm) if method.imagines and task.model else None
