@@ -41,12 +41,21 @@ def given_yaml(file: Path, most: int = MOST_BYTES) -> Any:
     """The value that a file of YAML holds.
 
     Raises:
-        FileNotFoundError, OSError, ValueError: As `given_text`, and if it is no YAML.
+        FileNotFoundError, OSError, ValueError: As `given_text`, and if it is no YAML, or has aliases.
     """
     import yaml
 
     text = given_text(file, most)
     try:
+        check_no_aliases(text)
         return yaml.safe_load(text)
     except Exception as error:  # What it makes of a value raises whatever it comes across.
         raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error
+
+
+def check_no_aliases(text: str) -> None:
+    """Raise `ValueError` if YAML has names of other values: a few lines of them make a value without end."""
+    import yaml
+
+    if any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text, yaml.CSafeLoader)):
+        raise ValueError("it has *names of other values. Write each value")

@@ -85,3 +85,10 @@ def test_an_argument_of_another_type_is_named():
     ):
         with pytest.raises(SettingError, match=why):
             evaluate(**{"policy": "seed42-1", "robot": "ur3"} | given)
+
+
+def test_a_folder_is_called_as_it_is_given(brief, tmp_path):
+    folder = tmp_path / "${oc.env:HOME}"
+    common = {"robot": "xarm6", "episodes": 1, "batch_size": 1, "workers": 1, "device": "cpu"}
+    rows = benchmark.evaluate("seed42-1", output_dir=folder, **common)
+    assert len(rows) == 1 and [file.name for file in tmp_path.iterdir()] == [folder.name] and any(folder.iterdir())

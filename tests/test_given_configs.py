@@ -23,6 +23,8 @@ def given(folder, text, name="mine"):
         ("map: {cell_size: {_target_: os.getcwd}}", "sets _target_"),
         ("lambda: [1, 2", "is no file of settings"),
         ("lambda: !!python/object/apply:os.system [ls]", "is no file of settings"),
+        ("a: &a [1, 1]\nb: &b [*a, *a]", "has .names of other values"),
+        ("a: &a [*a]", "has .names of other values"),
         ("", "holds no settings"),
         ("- 1", "holds no settings"),
         ("defaults: [mine]", "names itself in its defaults"),

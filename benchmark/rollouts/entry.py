@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from omegaconf import DictConfig, OmegaConf
-from yaml import AliasToken, scan
 
 from benchmark.artifacts.checkpoint import GUIDED, Checkpoint
 from benchmark.artifacts.fields import guidance_field
@@ -23,7 +22,7 @@ from benchmark.settings.entry_config import EntryConfig
 from benchmark.settings.setting import SettingError
 from benchmark.settings.typed import typed
 from policies.method import is_of
-from richmap.given_files import given_text
+from richmap.given_files import check_no_aliases, given_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -69,8 +68,7 @@ class Entry:
             text = given_text(file, MOST_BYTES)
             if text.count("[") + text.count("{") > MOST_BRACKETS:
                 raise SettingError(f"{file} cannot be read: it has lists in lists. It is a few lines of key: value.")
-            if any(isinstance(token, AliasToken) for token in scan(text)):
-                raise SettingError(f"{file} has *names of other values. Write each value.")
+            check_no_aliases(text)
             said = OmegaConf.load(file)
             if "${" in str(OmegaConf.to_container(said, resolve=False)):
                 raise SettingError(f"{file} has ${{...}}. What it says stands in the file itself: write the value.")

@@ -11,7 +11,7 @@ from benchmark.rollouts.chosen_players import chosen_players
 from benchmark.rollouts.missing_episodes import play_and_store
 from benchmark.settings.config import RunConfig
 from benchmark.settings.robot_config import RobotConfig
-from benchmark.settings.typed import typed
+from benchmark.settings.typed import literal, typed
 from richmap.progress import plain_console
 
 
@@ -52,7 +52,7 @@ def evaluate(
         "policy": str(folder),
         "output_dir": str(output_dir),
     }
-    config = typed(OmegaConf.create(given | settings), RunConfig)
+    config = typed(OmegaConf.create({key: literal(value) for key, value in (given | settings).items()}), RunConfig)
     (config,), console = config.parts, plain_console(stderr=True)
     *_, player = chosen_players(config, console)  # Direct transfer comes before.
     (rows,) = play_and_store([player], config, console)

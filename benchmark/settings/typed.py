@@ -24,7 +24,8 @@ def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
     if unknown := [str(key) for key in config if str(key) not in known]:
         raise _unknown(unknown[0])
     try:
-        values = {PYTHON_NAME.get(str(key), str(key)): value for key, value in config.items()}
+        # Interpolations are resolved as `items` reads them: what a text holds now is meant as it stands.
+        values = {PYTHON_NAME.get(str(key), str(key)): literal(value) for key, value in config.items()}
         for key in choices_of(schema):
             if isinstance(name := values.get(key), str):  # As files say it that are composed with the others.
                 values[key] = {"name": name}
@@ -50,6 +51,11 @@ def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
         value = reduce(lambda node, part: node[part], key.split("."), raw)
         shown = "null" if value is None else value
         raise SettingError(f"{key}={shown} is not allowed. {key}: {short(settings[key].text)}") from error
+
+
+def literal(value: Any) -> Any:
+    """The value; of a text what OmegaConf reads as that text, whatever interpolation it looks like."""
+    return value.replace("${", r"\${") if isinstance(value, str) else value
 
 
 def _unknown(key: str) -> SettingError:

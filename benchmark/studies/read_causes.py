@@ -122,7 +122,7 @@ def traced(shown: "pd.DataFrame", table: str, answers: dict[str, Any]) -> "Itera
             "condition": row["condition"], "policy": row["checkpoint"], "seed": row["episode_seed"],
             "cause": cause, "row": row_id(row),
         }  # fmt: skip
-        yield drawn(f"{number}: {row['condition']}", infos, pictures, began, rollout)
+        yield drawn(f"{number}: {row['condition']}", infos, pictures, began)
 
 
 def seen(rollout: "Rollout", seed: int) -> "tuple[list[dict], list[tuple[int, np.ndarray]], tuple[int, str]]":
@@ -164,18 +164,10 @@ def seen(rollout: "Rollout", seed: int) -> "tuple[list[dict], list[tuple[int, np
     return kept, pictures, found
 
 
-def drawn(
-    title: str, infos: list[dict], pictures: "list[tuple[int, np.ndarray]]", began: int, rollout: "Rollout"
-) -> "Figure":
+def drawn(title: str, infos: list[dict], pictures: "list[tuple[int, np.ndarray]]", began: int) -> "Figure":
     """Pictures of an episode over its traces."""
-    import numpy as np
     from matplotlib.figure import Figure
 
-    from envs.arm.lost_command import AT_LIMIT, LOST
-    from envs.block_push.failure import BEHIND, STILL, TIPPED, TOOL_TILTED, recorded
-    from envs.block_push.workspace import WORKSPACE
-
-    record = recorded(infos)
     figure = Figure((12, 5.2), layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=(1, 1.5))
     for axes, (step, picture) in zip(above.subplots(1, len(FRAMES) + 1), pictures, strict=False):
@@ -184,6 +176,21 @@ def drawn(
     for axes in above.axes:
         axes.axis("off")
     figure.suptitle(title, fontsize=9, x=0.01, ha="left")
+    panels = traces(infos).items()
+    for axes, (name, (curves, lines)) in zip(below.subplots(2, 4).ravel(), panels, strict=True):
+        plot(axes, name, curves, lines, began)
+    return figure
+
+
+def traces(infos: list[dict]) -> "dict[str, tuple[dict[str, np.ndarray], Sequence[float]]]":
+    """What is drawn of an episode: of each panel its curves by name, and the limits that are marked."""
+    import numpy as np
+
+    from envs.arm.lost_command import AT_LIMIT, LOST
+    from envs.block_push.failure import BEHIND, STILL, TIPPED, TOOL_TILTED, recorded
+    from envs.block_push.workspace import WORKSPACE
+
+    record = recorded(infos)
     base = record["base"][:, :2]
     blocks = record["block_positions"][..., :2]
     outside = np.maximum(WORKSPACE[0] - BEHIND - blocks, blocks - WORKSPACE[1] - BEHIND).max(axis=2)
@@ -192,7 +199,7 @@ def drawn(
     outward = np.sum(missing * from_base, axis=1) / np.linalg.norm(from_base, axis=1)
     moved = np.full((len(blocks), 2), np.nan)
     moved[10:] = np.linalg.norm(blocks[10:] - blocks[:-10], axis=2).clip(max=0.1)
-    panels: dict[str, tuple[dict[str, np.ndarray], Sequence[float]]] = {
+    return {
         "from the base [m]": (
             {
                 "command": np.linalg.norm(record["commanded"] - base, axis=1),
@@ -232,9 +239,6 @@ def drawn(
             (0.0,),
         ),
     }
-    for axes, (name, (curves, lines)) in zip(below.subplots(2, 4).ravel(), panels.items(), strict=True):
-        plot(axes, name, curves, lines, began)
-    return figure
 
 
 def plot(axes: "Axes", name: str, curves: "dict[str, np.ndarray]", lines: Sequence[float], began: int) -> None:

@@ -1,6 +1,7 @@
 """What environments of all tasks share: observations, pictures, copies, closing."""
 
 import warnings
+from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
 import gymnasium
@@ -46,7 +47,7 @@ def given_scene(options: Any) -> Any:
 Observation = Float[np.ndarray, " numbers"] | UInt8[np.ndarray, "height width 3"] | dict[str, np.ndarray]
 
 
-class ArmEnv[Simulation: ArmSimulation](gymnasium.Env):
+class ArmEnv[Simulation: ArmSimulation](gymnasium.Env, ABC):
     """An environment of a task that an arm does; what the task is a subclass says.
 
     A copy, or one that went through pickle, goes on as the original would, to the last bit.
@@ -96,21 +97,21 @@ class ArmEnv[Simulation: ArmSimulation](gymnasium.Env):
         self._contact = ContactTime(arm.protected, TIMESTEP)
         self._build()
 
+    @abstractmethod
     def _action_space(self) -> spaces.Box:
         """Of a step."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _bounds(self) -> tuple[Float[np.ndarray, " numbers"], Float[np.ndarray, " numbers"]]:
         """Least and greatest numbers of the state."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _make_simulation(self, visual: bool) -> Simulation:
         """The simulation, with meshes to be seen or without; sets what `built` names."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _advance(self) -> None:
         """Let a control step pass."""
-        raise NotImplementedError
 
     def _build(self) -> None:
         """Make what is not copied: kinematics, simulation, and no renderer yet."""

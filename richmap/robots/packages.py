@@ -164,11 +164,14 @@ def _check_expression(expression: str) -> None:
             raise ValueError(f"expression {expression:.200} has {ast.unparse(node):.100}, which is not evaluated")
         if not isinstance(node, ast.BinOp):
             continue
-        constants = [each.value for each in (node.left, node.right) if isinstance(each, ast.Constant)]
+        sides = (node.left, node.right)
+        constants = [each.value for each in sides if isinstance(each, ast.Constant)]
         numbers = [each for each in constants if isinstance(each, int | float)]
         power, least = isinstance(node.op, ast.Pow), HIGHEST_POWER if isinstance(node.op, ast.Pow) else MOST_REPEATED
-        nested = power and any(isinstance(each, ast.BinOp) for each in (node.left, node.right))
-        repeats = isinstance(node.op, ast.Mult) and any(isinstance(each, str) for each in constants)
+        nested = power and any(isinstance(each, ast.BinOp) for each in sides)
+        sequence = any(isinstance(each, ast.List | ast.Tuple | ast.JoinedStr) for each in sides)
+        sequence |= any(isinstance(each, str) for each in constants)
+        repeats = isinstance(node.op, ast.Mult) and sequence
         if nested or ((power or repeats) and any(abs(each) > least for each in numbers)):
             raise ValueError(f"expression {expression:.200} may be huge, and is not evaluated")
 
