@@ -2,11 +2,26 @@
 
 import contextlib
 import functools
+import gc
 import json
 import logging
 
+import jaxtyping
 import numpy as np
 import pytest
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    """Shapes are checked where facts are tested. What is run as a user runs it is not checked, as it is not for a user:
+    checks at each control step would take a quarter of the time."""
+    jaxtyping.config.update("jaxtyping_disable", item.get_closest_marker("system") is not None)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def what_is_there_stays():
+    """robosuite looks for garbage whenever a simulation is closed: it need not look through every library each time."""
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -133,14 +133,18 @@ def _cover_shape(shape: Shape, cube: float) -> tuple[Float[np.ndarray, "k 3"], F
 def cover(mesh: trimesh.Trimesh, cube: float) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
     """Centres and radii of spheres that hold a mesh, in [m]: one for the triangles in each cube."""
     cube = max(cube, mesh.extents.max() / 50)
-    points, faces = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, cube / 2, max_iter=20)
-    triangles = points[faces]
-    _, cluster = np.unique(np.floor(triangles.mean(1) / cube), axis=0, return_inverse=True)
-    order = np.argsort(cluster, kind="stable")
-    held = np.split(triangles[order].reshape(-1, 3), 3 * np.flatnonzero(np.diff(cluster[order])) + 3)
-    centres = np.array([(corners.min(0) + corners.max(0)) / 2 for corners in held])
-    radii = [np.linalg.norm(corners - centre, axis=1).max() for corners, centre in zip(held, centres, strict=True)]
-    return centres, MARGIN * np.array(radii)
+    triangles = mesh.vertices[mesh.faces]
+    long = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(1) > cube / 2
+    points, faces = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces[long], cube / 2, max_iter=20)
+    triangles = np.concatenate([triangles[~long], points[faces]])
+    cell = np.floor(triangles.mean(1) / cube).astype(np.int64)
+    cell = np.ravel_multi_index(tuple((cell - cell.min(0)).T), tuple(np.ptp(cell, axis=0) + 1))
+    order = np.argsort(cell, kind="stable")
+    corners = triangles[order].reshape(-1, 3)
+    start = 3 * np.flatnonzero(np.diff(cell[order], prepend=-1))
+    centres = (np.minimum.reduceat(corners, start) + np.maximum.reduceat(corners, start)) / 2
+    away = np.linalg.norm(corners - np.repeat(centres, np.diff(start, append=len(corners)), axis=0), axis=1)
+    return centres, MARGIN * np.maximum.reduceat(away, start)
 
 
 @numba.njit(cache=True, nogil=True)
