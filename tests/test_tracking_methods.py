@@ -161,7 +161,7 @@ def test_arms_controllers_reach_what_is_within_reach_and_no_more(task):
     assert (pointing[0, :3] @ DOWN > 0.999).all()
 
 
-@pytest.mark.parametrize("name", ["ur3", "xarm7", "so101"])
+@pytest.mark.parametrize("name", ["ur3", "xarm7", "px150"])
 def test_compiled_loops_follow_as_the_environments_inverse_kinematics_does(name):
     """Six joints, seven and five; random ways, a third of them out of reach, where joints stop at their limits."""
     kinematics = place_arm(name, BLOCK_PUSH.poses).kinematics()

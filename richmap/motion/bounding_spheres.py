@@ -130,13 +130,24 @@ def _cover_shape(shape: Shape, cube: float) -> tuple[Float[np.ndarray, "k 3"], F
     return np.concatenate([centres, inside]), np.concatenate([radii, filling])
 
 
+def cut_to_size(
+    mesh: trimesh.Trimesh, edge: float
+) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"], Int[np.ndarray, " f"]]:
+    """Vertices and triangles of a mesh with no side longer than this, in [m], and of which of its triangles each is."""
+    corners = mesh.vertices[mesh.faces]
+    long = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1) > edge
+    points, faces, parents = trimesh.remesh.subdivide_to_size(
+        mesh.vertices, mesh.faces[long], edge, max_iter=20, return_index=True
+    )
+    parents = np.concatenate([np.flatnonzero(~long), np.flatnonzero(long)[parents]])
+    return points, np.concatenate([mesh.faces[~long], faces]), parents
+
+
 def cover(mesh: trimesh.Trimesh, cube: float) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
     """Centres and radii of spheres that hold a mesh, in [m]: one for the triangles in each cube."""
     cube = max(cube, mesh.extents.max() / 50)
-    triangles = mesh.vertices[mesh.faces]
-    long = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(1) > cube / 2
-    points, faces = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces[long], cube / 2, max_iter=20)
-    triangles = np.concatenate([triangles[~long], points[faces]])
+    points, faces, _ = cut_to_size(mesh, cube / 2)
+    triangles = points[faces]
     cell = np.floor(triangles.mean(1) / cube).astype(np.int64)
     cell = np.ravel_multi_index(tuple((cell - cell.min(0)).T), tuple(np.ptp(cell, axis=0) + 1))
     order = np.argsort(cell, kind="stable")

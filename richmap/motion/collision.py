@@ -10,7 +10,7 @@ import pinocchio
 import trimesh
 from jaxtyping import Bool, Float, Int
 
-from richmap.motion.bounding_spheres import FINE, MEDIUM, BoundingSpheres, cover
+from richmap.motion.bounding_spheres import FINE, MEDIUM, BoundingSpheres, cover, cut_to_size
 from richmap.motion.kinematics import z_to_axis
 from richmap.robots.robot import RobotDescription
 
@@ -187,9 +187,7 @@ class SelfCollision:
         mesh = trimesh.util.concatenate(parts)
         assert isinstance(mesh, trimesh.Trimesh)
         edge = max(EDGE, mesh.extents.max() / 150)
-        points, triangles, parents = trimesh.remesh.subdivide_to_size(
-            mesh.vertices, mesh.faces, edge, max_iter=20, return_index=True
-        )
+        points, triangles, parents = cut_to_size(mesh, edge)
         radius = np.hypot(points[:, 0], points[:, 1])
         sector = np.floor((np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
         lower, upper = points[:, 2].min(), points[:, 2].max()

@@ -2,6 +2,7 @@
 
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -90,13 +91,20 @@ def thickness(vertices: Float[np.ndarray, "v 3"]) -> float:
 
 
 def _load_mesh(file: Path, scale: tuple[float, ...]) -> "trimesh.Trimesh":
-    """Read by coal, as the self-collision check reads it: STL, OBJ, DAE and more."""
-    import coal
     import trimesh
+
+    about = file.stat()
+    return trimesh.Trimesh(*_read_mesh(file, scale, about.st_size, about.st_mtime_ns))
+
+
+@lru_cache(maxsize=64)
+def _read_mesh(file: Path, scale: tuple[float, ...], size: int, changed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and triangles of a file of this size and time, as the self-collision check has them: read by coal."""
+    import coal
 
     model = coal.MeshLoader().load(str(file), np.array(scale))
     faces = [[t[0], t[1], t[2]] for t in (model.tri_indices(i) for i in range(model.num_tris))]
-    return trimesh.Trimesh(np.array(model.vertices()), np.array(faces))
+    return np.array(model.vertices()), np.array(faces)
 
 
 def _numbers(element: ET.Element | None, name: str, default: str | None) -> tuple[float, ...]:
