@@ -50,7 +50,7 @@ $(UV):
 .venv/.ready: pyproject.toml .python-version $(UV)
 	@$(UV) python find --quiet >/dev/null 2>&1 || $(UV) python install --quiet \
 	|| { echo "Python 3.12 is not on this machine and could not be fetched. Install it, with python3.12 on the PATH."; exit 1; }
-	$(UV) sync --compile-bytecode
+	$(UV) sync
 	@$(PYTHON) -c "import ctypes; ctypes.CDLL('libEGL.so.1')" 2>/dev/null \
 	|| { [ "$$(id -u)" = 0 ] && apt-get update -qq && apt-get install -y -qq libegl1 libgl1-mesa-dri; } \
 	|| echo "No EGL on this machine: no pictures. On Debian: sudo apt-get install libegl1 libgl1-mesa-dri"
