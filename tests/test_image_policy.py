@@ -1,6 +1,7 @@
 """A policy that sees pictures, as LeRobot saves it: data sets with video, our rollouts, and lerobot-eval."""
 
 import json
+import os
 import sys
 
 import numpy as np
@@ -51,6 +52,10 @@ def sighted(seen, tmp_path_factory):
     for processor in make_pre_post_processors(policy.config, dataset_stats=meta.stats):
         processor.save_pretrained(folder)
     return folder
+
+
+def test_encoding_leaves_the_process_scheduled_as_before(seen):
+    assert os.sched_getscheduler(0) == os.sched_getscheduler(os.getppid())
 
 
 def test_a_dataset_has_video_in_place_of_the_scenes_state(seen):

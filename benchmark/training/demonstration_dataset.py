@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import av
@@ -45,10 +46,22 @@ def write_dataset(episodes: Iterable[Demonstration], root: Path, task: Task, tot
         for episode in progress.track(episodes, total=total, description="Writing dataset"):
             for frame in _frames(episode, task):
                 dataset.add_frame(frame)
-            dataset.save_episode()
+            with _scheduled_as_before():
+                dataset.save_episode()
     dataset.finalize()
     statistics = root / "meta" / "stats.json"  # LeRobot writes its parts in an order of their own in every process.
     statistics.write_text(json.dumps(json.loads(statistics.read_text()), indent=4, sort_keys=True))
+
+
+@contextmanager
+def _scheduled_as_before() -> Iterator[None]:
+    """The encoder of AV1 makes a process of root a real-time one, of the highest priority: it and all processes that
+    it starts would let nothing else run."""
+    policy, priority = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, policy, priority)
 
 
 def _features(space: TaskSpace, image_size: int) -> dict[str, dict]:
