@@ -2,7 +2,6 @@
 
 import contextlib
 import functools
-import gc
 import json
 import logging
 
@@ -16,14 +15,6 @@ def pytest_runtest_setup(item):
     """Shapes are checked where facts are tested. What is run as a user runs it is not checked, as it is not for a user:
     checks at each control step would take a quarter of the time."""
     jaxtyping.config.update("jaxtyping_disable", item.get_closest_marker("system") is not None)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def libraries_are_no_garbage():
-    """robosuite looks for garbage whenever a simulation is closed: it need not look through every library each time."""
-    if len(gc.get_objects()) > gc.get_freeze_count() / 2:
-        gc.collect()
-        gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import av
@@ -46,7 +46,7 @@ def write_dataset(episodes: Iterable[Demonstration], root: Path, task: Task, tot
         for episode in progress.track(episodes, total=total, description="Writing dataset"):
             for frame in _frames(episode, task):
                 dataset.add_frame(frame)
-            with _scheduled_as_before():
+            with _scheduled_as_before() if image_size else nullcontext():
                 dataset.save_episode()
     dataset.finalize()
     statistics = root / "meta" / "stats.json"  # LeRobot writes its parts in an order of their own in every process.
