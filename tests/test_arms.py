@@ -12,7 +12,7 @@ from richmap.motion.kinematics import flange_frames
 from richmap.motion.reach import reach_ball
 from richmap.physics.mujoco_model import kinematic_spec
 from richmap.robots.corrections import put_right
-from richmap.robots.packages import expanded
+from richmap.robots.expansion import expanded
 from richmap.robots.reading import approach_pose
 from richmap.robots.robot_file import RobotFile
 from richmap.robots.robots import ROBOTS, load_robot, robot_file

@@ -41,8 +41,9 @@ BAD = {
     "robot=null": "robot=null is not allowed: it is one of",
     "robot=[ur3,ur5]": "To sweep over several: -m robot=",
     "~robot": "~robot would take a setting away. Give it a value: robot=value.",
-    "robot=[ur3": "robot=[ur3 cannot be read",
-    "robot=ür3": "or with a letter beyond a to z, stands in two pairs of quotes: 'robot=\"ür3\"'.",
+    "robot=[ur3": "robot=[ur3 is not allowed. Allowed: ",
+    "robot=ür3": "robot=ür3 is not allowed. Allowed: ",
+    "robot=3": "robot=3 is not allowed. Allowed: ",
     "--lambda": "There is no flag --lambda. A setting is written without dashes: lambda=value.",
     "--cfg=nothing": "--cfg nothing is not allowed. Allowed: job, hydra, all.",
 }
@@ -119,17 +120,12 @@ def test_nothing_heavy_is_imported_before():
     assert not {"torch", "lerobot", "mujoco", "robosuite"} & imported
 
 
-IN_COMPILED_CODE = SystemError("returned a result with an exception set")
-IN_COMPILED_CODE.__cause__ = KeyboardInterrupt()
-
-
 @pytest.mark.parametrize("goes_on", [True, False])
 @pytest.mark.parametrize(
     "error, status",
     [
         (OSError(28, "No space left", "/x/a"), 1),
         (KeyboardInterrupt(), 130),
-        (IN_COMPILED_CODE, 130),
         (BrokenProcessPool(), 1),
     ],
 )
@@ -151,7 +147,10 @@ def main(_):
     try:
         os.kill(os.getpid(), int(number))
     except BaseException:  # As trimesh does as it imports what it can do without.
-        time.sleep(60)
+        then()
+
+def then():
+    time.sleep(60)
 
 number, command.AGAIN = sys.argv.pop(), 0.1
 signal.signal(signal.SIGINT, signal.default_int_handler)  # Whatever runs the tests may have it ignored.
@@ -160,14 +159,23 @@ command.run_command(main, ReplayConfig, "replay")
 
 
 @pytest.mark.parametrize("number, status", [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_that_a_library_swallows_ends_a_command_all_the_same(number, status):
-    ended = subprocess.run([sys.executable, "-c", SWALLOWS, str(int(number))], cwd=ROOT, capture_output=True, text=True)
+@pytest.mark.parametrize("then", ["time.sleep(60)", "raise RuntimeError('no compiled object yet')"])
+def test_a_signal_that_a_library_swallows_ends_a_command_all_the_same(number, status, then):
+    code = SWALLOWS.replace("time.sleep(60)", then)
+    ended = subprocess.run([sys.executable, "-c", code, str(int(number))], cwd=ROOT, capture_output=True, text=True)
     assert (ended.returncode, ended.stderr) == (status, "Interrupted.\n")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_after_a_command_ends_the_interpreter_without_a_word(number):
+    code = SWALLOWS.replace("os.kill(os.getpid(), int(number))", "pass") + "os.kill(os.getpid(), int(number))"
+    ended = subprocess.run([sys.executable, "-c", code, str(int(number))], cwd=ROOT, capture_output=True, text=True)
+    assert (ended.returncode, ended.stderr) == (-number, "")
 
 
 def test_what_a_shell_runs_in_the_background_is_not_interrupted():
     """A script's Ctrl-C reaches it, and is ignored as the shell says."""
-    code = SWALLOWS.replace("time.sleep(60)", "raise").replace("default_int_handler", "SIG_IGN")
+    code = SWALLOWS.replace("then()\n\ndef", "raise\n\ndef").replace("default_int_handler", "SIG_IGN")
     ended = subprocess.run([sys.executable, "-c", code, "2"], cwd=ROOT, capture_output=True, text=True)
     assert (ended.returncode, ended.stderr) == (0, "")
 

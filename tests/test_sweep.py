@@ -115,6 +115,14 @@ def scales(folder, **chosen):
     return str(folder)
 
 
+def test_a_methods_name_may_hold_any_sign(tmp_path):
+    (tmp_path / "theirs, and ours.py").touch()
+    name = f"{tmp_path}/theirs, and ours.py:Slow"
+    chosen = scales(tmp_path / "chosen", **{name: 0.5})
+    ours, theirs = jobs("experiment=methods", "setting=best", "seed=44", "robot=ur10", f"scales_dir={chosen}")
+    assert (ours.method, theirs.method) == ("direct", name)
+
+
 def with_scale(config):
     """The scale at which a run's settings guide."""
     return chosen_players(config, Console(quiet=True))[-1].condition.guidance_scale
@@ -253,7 +261,7 @@ def test_a_sweep_that_is_refused_is_one_line_and_leaves_no_folder(tmp_path):
         (["episodes=-2,-1", "hydra/launcher=basic", "hydra.sweep.dir=theirs"], "error: episodes=-2 is not allowed. "),
         (["lambda=range(0,100000000)", "method=towards"], "error: The sweep has more than 10,000 combinations."),
         (["lambda=range(3,1)", "method=towards"], "error: There is nothing to sweep over: "),
-        (["lambda=0,1,0", "method=towards"], "error: The sweep has lambda=0 2 times. Give each value once."),
+        (["lambda=0,1,0.0", "method=towards"], "error: The sweep has lambda=0 2 times. Give each value once."),
         (["method=${chosen:.,block_push}"], "error: SettingError raised while resolving interpolation: block_push"),
     ):
         command = [sys.executable, "-m", "benchmark.run", "-m", "device=cpu", *arguments]

@@ -74,14 +74,11 @@ def run_command[Config](
         positional: Settings that may be given by their place, without their names.
         goes_on: Whether it stores what it finishes, and goes on from there when it is called again.
     """
-    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # As a shell has it for what runs in the background.
-        signal.signal(signal.SIGINT, _raising(KeyboardInterrupt))
-    signal.signal(signal.SIGTERM, _raising(_Terminated))
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises instead of printing.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # It says where its cache is if the home is read-only.
     spec = sys.modules["__main__"].__spec__
     module = spec.name if spec and main.__module__ == "__main__" else f"benchmark.{name}"
-    with _one_line_for_errors([GONE_ON] * goes_on):
+    with _stopped_by_signals(), _one_line_for_errors([GONE_ON] * goes_on):
         if os.environ.get("MUJOCO_GL"):
             import envs  # noqa: F401, which says whether MuJoCo loads with that.
         flags, overrides = split(sys.argv[1:])
@@ -91,7 +88,7 @@ def run_command[Config](
         sweeps = not {"-m", "--multirun"}.isdisjoint(flags) or any(
             override.startswith(("experiment=", "hydra.mode=")) for override in overrides
         )
-        known = settings_of(schema) | dict.fromkeys(file_groups(name), Setting("", None))
+        known = settings_of(schema) | dict.fromkeys(file_groups(name), Setting("", None, str))
         overrides = checked(overrides, known, module, sweeps) if not _completes(flags) else overrides
         if not {"-h", "--help"}.isdisjoint(flags):
             print(help_text(main, schema, name, module, flags, overrides))
@@ -104,6 +101,23 @@ def run_command[Config](
             with sweeping():
                 _run(main, job, schema, name)
         sys.stdout.flush()
+
+
+@contextmanager
+def _stopped_by_signals() -> Iterator[None]:
+    """SIGINT and SIGTERM raise what ends the command; after it they end the process, as nobody would catch that."""
+    _stops.clear()
+    for number, stop in ((signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, _Terminated)):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # As a shell has SIGINT for what runs in the background.
+            signal.signal(number, _raising(stop))
+    hook, sys.unraisablehook = sys.unraisablehook, _unless_interrupted
+    try:
+        yield
+    finally:
+        sys.unraisablehook = hook
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, signal.SIG_DFL)
 
 
 @contextmanager
@@ -137,11 +151,11 @@ def _one_line_for_errors(gone_on: Sequence[str]) -> Iterator[None]:
         in_cache = Path(str(error.filename)).is_relative_to(platformdirs.user_cache_path())
         _end(1, f"error: {error.strerror}: {error.filename}.", *[OTHER_CACHE] * in_cache, *gone_on)
     except BaseException as error:
-        stop = _interruption(error)
-        if stop is None:
+        if not isinstance(error, KeyboardInterrupt) and not _stops:
             raise
         signal.setitimer(signal.ITIMER_REAL, 0)
-        _end(143 if isinstance(stop, _Terminated) else 130, "Interrupted.", *gone_on)
+        terminated = isinstance(error, _Terminated) or _Terminated in _stops
+        _end(143 if terminated else 130, "Interrupted.", *gone_on)
 
 
 def _run[Config](
@@ -177,23 +191,26 @@ class _Terminated(KeyboardInterrupt):
     """By SIGTERM, which ends a command and its workers as Ctrl-C does."""
 
 
-def _interruption(error: BaseException | None) -> KeyboardInterrupt | None:
-    """What interrupted a command; compiled code that it comes to raises another error from it."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__
-    return error
+_stops: list[type[KeyboardInterrupt]] = []
+"""What was raised to end the command. A library in which it comes up may lose it, or raise an error of its own."""
 
 
 def _raising(stop: type[KeyboardInterrupt]) -> Callable[..., NoReturn]:
-    """A signal's handler that raises this, and again every few seconds until the command ends: a library that catches
-    everything as it is imported, such as trimesh, loses it."""
+    """A signal's handler that raises this, and again every few seconds until the command ends."""
 
     def handle(*_: object) -> NoReturn:
+        _stops.append(stop)
         signal.signal(signal.SIGALRM, handle)
         signal.setitimer(signal.ITIMER_REAL, AGAIN)
         raise stop
 
     return handle
+
+
+def _unless_interrupted(ignored: "sys.UnraisableHookArgs") -> None:
+    """Tells of an error that nobody can catch, unless it is an interruption, which comes again."""
+    if not issubclass(ignored.exc_type, KeyboardInterrupt):
+        sys.__unraisablehook__(ignored)
 
 
 def _completes(flags: list[str]) -> bool:

@@ -107,10 +107,9 @@ def checked(overrides: Iterable[str], known: Mapping[str, Setting], name: str, s
             raise SettingError(
                 f"{override} is not allowed: it is one of {a}, {b} … To sweep over several: -m {key}={a},{b}"
             )
-        kind = known[key].kind if key in known else object
         if key in known and isinstance(known[key].default, list) and value and not sweeps and value[0] not in "[$'\"":
             override, value = f"{key}=[{value}]", f"[{value}]"  # A list may be written as a sweep's values are.
-        readable.append(_readable(override, key, value, kind, sweeps))
+        readable.append(_readable(override, key, value, known.get(key, Setting("", None)), sweeps))
     if "suite" in given and (idle := [key for key in given if key.partition(".")[0] in SUITES_OWN]):
         raise SettingError(
             f"{idle[0]} does nothing with a suite, which has its own. Leave it out (seeds=[42] takes one policy)."
@@ -118,13 +117,14 @@ def checked(overrides: Iterable[str], known: Mapping[str, Setting], name: str, s
     return readable
 
 
-def _readable(override: str, key: str, value: str, kind: type, sweeps: bool) -> str:
+def _readable(override: str, key: str, value: str, setting: Setting, sweeps: bool) -> str:
     """An override that Hydra can read; texts in quotes where Hydra would not take them as they are."""
+    kind = setting.kind
     try:
         parsed = OverridesParser.create().parse_override(override)
         swept = parsed.is_sweep_override()
         if swept and not sweeps and not key.startswith("hydra"):
-            quote = f" {how_to_quote(key, value)}" if kind is str else ""
+            quote = f" {how_to_quote(key, value)}" if kind is str and not setting.choices else ""
             raise SettingError(f"{override} has several values. To sweep over them, add -m.{quote}")
         if swept or _fits(parsed.value(), kind):
             return override

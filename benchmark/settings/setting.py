@@ -52,7 +52,7 @@ class Setting:
     default: Any
     """The schema's; what acts may come from a file of `conf/`."""
     kind: type = object
-    """`str` for a text, `list` for a list of texts."""
+    """`str` for a text or a choice, `list` for a list of texts."""
     choices: tuple[str, ...] = ()
     """Of a setting that picks one of several groups of values."""
 
@@ -71,7 +71,7 @@ def settings_of(schema: type, prefix: str = "") -> dict[str, Setting]:
         assert isinstance(field.type, type)
         of_field = settings_of(field.type, f"{name}.")
         if choices := field.metadata.get("choices"):  # The choice sets `<name>.name`.
-            settings[name] = Setting(text, _default(field).name, choices=tuple(choices))
+            settings[name] = Setting(text, _default(field).name, str, tuple(choices))
             of_field.pop(f"{name}.name")
             of_field = of_field if "custom" in choices else {}  # A choice among known ones leaves nothing else to set.
         settings |= of_field

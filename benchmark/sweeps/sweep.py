@@ -82,10 +82,20 @@ def count_jobs(config: DictConfig) -> int:
     if jobs > MOST_JOBS:
         raise SettingError(f"The sweep has more than {MOST_JOBS:,} combinations. Give it fewer values.")
     for name, given in values.items():
-        for value, times in Counter(given).most_common(1):
+        plain = [_plain(value) for value in given]
+        for value, times in Counter(plain).most_common(1):
             if times > 1:
-                raise SettingError(f"The sweep has {name}={value} {times} times. Give each value once.")
+                typed = given[plain.index(value)]
+                raise SettingError(f"The sweep has {name}={typed} {times} times. Give each value once.")
     return jobs
+
+
+def _plain(value: str) -> str:
+    """A value, as every way to write a number says it."""
+    try:
+        return repr(float(value))
+    except ValueError:
+        return value
 
 
 def _clear_jobs(folder: Path) -> None:

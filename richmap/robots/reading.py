@@ -14,10 +14,10 @@ from pinocchio.rpy import rpyToMatrix
 from richmap.robots.beside import add_beside, beside_chain
 from richmap.robots.checks import chain_between, check_joints, check_names, check_numbers
 from richmap.robots.contacts import Pairs, named_pairs, neighbours, srdf_pairs
+from richmap.robots.expansion import expanded
 from richmap.robots.meshes import MissingMeshError, has_no_size, read_shapes, some_of, upward
 from richmap.robots.mjcf import LEAST_INERTIA, LEAST_MASS, read_mjcf
 from richmap.robots.origin import add_fixed
-from richmap.robots.packages import expanded
 from richmap.robots.robot import RobotDescription
 from richmap.robots.urdf import chain_alone, leave_out_extras, make_limits_whole, make_turns_full
 
