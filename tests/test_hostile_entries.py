@@ -12,6 +12,7 @@ import torch
 from benchmark import enter
 from benchmark.enter import EnterConfig
 from benchmark.episodes.table import read_episodes
+from benchmark.rollouts.guest import host
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.settings.setting import SettingError
 
@@ -51,6 +52,7 @@ def houses():
         return [each for each in children if each not in before and "guest_house" in " ".join(each.cmdline())]
 
     before = []
+    host()  # Which is kept as well.
     before = started()
     return started
 

@@ -9,6 +9,8 @@ import json
 import math
 import multiprocessing
 import os
+import select
+import signal
 import socket
 import struct
 import subprocess
@@ -113,6 +115,91 @@ class GuestGuidance(Guidance):
         return torch.from_numpy(array).to(given[0].device)
 
 
+class Forked:
+    """A process that is no child of this one.
+
+    Args:
+        handle: A file descriptor of it.
+        standard_input: By whose end it ends.
+    """
+
+    def __init__(self, handle: int, standard_input: int) -> None:
+        self._ends = [standard_input, handle]
+
+    def kill(self) -> None:
+        """End it at once."""
+        if self._ends:
+            with contextlib.suppress(ProcessLookupError):
+                signal.pidfd_send_signal(self._ends[1], signal.SIGKILL)
+
+    def end(self) -> None:
+        """Close its standard input, and see it gone."""
+        os.close(self._ends[0])
+        if not select.select(self._ends[1:], [], [], ENDING)[0]:
+            self.kill()
+            select.select(self._ends[1:], [], [])
+        os.close(self._ends[1])
+        self._ends = []
+
+
+class GuestHost:
+    """A process that has imported what classes need, and forks one for each of them; it ends with this object."""
+
+    def __init__(self) -> None:
+        self._asked, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        command = "import sys; from benchmark.rollouts.guest_house import main; main(*sys.argv[1:])"
+        self.process = subprocess.Popen(
+            [sys.executable, "-u", "-c", command, str(theirs.fileno())],
+            stdin=subprocess.DEVNULL,
+            pass_fds=[theirs.fileno()],
+            start_new_session=True,  # Ctrl-C is for us.
+            env=self._environment(),
+        )
+        theirs.close()
+        weakref.finalize(self, _end_host, self._asked, self.process)
+
+    def fork(self, channel: int, status: int, gigabytes: float, kept: Path | None) -> Forked:
+        """A process that serves a class, with these arguments of `guest_house.watch`.
+
+        Raises:
+            OSError: If the host is gone.
+        """
+        limits = {"gigabytes": gigabytes, "kept": str(kept or "")}
+        request = limits | {"environment": self._environment(), "path": sys.path, "folder": os.getcwd()}
+        standard_input, ours = os.pipe()
+        ends = [standard_input, 2, channel, status]
+        socket.send_fds(self._asked, [json.dumps(request).encode()], ends)
+        os.close(standard_input)
+        said, handles, *_ = socket.recv_fds(self._asked, 1, 1)
+        if not said:
+            raise ConnectionResetError
+        os.set_inheritable(handles[0], False)
+        return Forked(handles[0], ours)
+
+    def _environment(self) -> dict[str, str]:
+        one_thread = dict.fromkeys(["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"], "1")
+        return os.environ | one_thread | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+
+
+def _end_host(asked: socket.socket, process: subprocess.Popen) -> None:
+    asked.close()
+    try:
+        process.wait(ENDING)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def host() -> GuestHost:
+    """The one of this process; another if it is gone."""
+    if not _hosts or _hosts[0].process.poll() is not None:
+        _hosts[:] = [GuestHost()]
+    return _hosts[0]
+
+
+_hosts: list[GuestHost] = []
+
+
 class GuestProcess:
     """A process in which classes are asked; it ends with this object and with this process, however that ends.
 
@@ -133,16 +220,7 @@ class GuestProcess:
         made = missing_folders(kept) if kept else []
         if kept:
             kept.mkdir(parents=True, exist_ok=True)
-        command = "import sys; from benchmark.rollouts.guest_house import main; main(*sys.argv[1:])"
-        ends = (theirs.fileno(), tells.fileno())
-        one_thread = dict.fromkeys(["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"], "1")
-        self._process = subprocess.Popen(
-            [sys.executable, "-u", "-c", command, *map(str, (*ends, gigabytes, kept or ""))],
-            stdin=subprocess.PIPE,  # It ends with this.
-            pass_fds=ends,
-            start_new_session=True,  # Ctrl-C is for us.
-            env=os.environ | one_thread | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        )
+        self._process = host().fork(theirs.fileno(), tells.fileno(), gigabytes, kept)
         theirs.close()
         tells.close()
         self._channel, self._told = Connection(ours.detach()), told
@@ -247,18 +325,12 @@ def _process(seconds: float, gigabytes: float, kept: Path | None, version: str) 
     return GuestProcess(seconds, gigabytes, kept)
 
 
-def _end(process: subprocess.Popen, channel: Connection, told: Connection, made: list[Path]) -> None:
-    """End a process by closing its standard input, see it gone, and remove what was made for it and is empty."""
-    assert process.stdin
-    ends: list[Any] = [process.stdin, channel, told]
-    for each in ends:
+def _end(process: Forked, channel: Connection, told: Connection, made: list[Path]) -> None:
+    """End a process, and remove what was made for it and is empty."""
+    for each in (channel, told):
         with contextlib.suppress(OSError):
             each.close()
-    try:
-        process.wait(ENDING)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+    process.end()
     remove_empty(made)
 
 

@@ -1,4 +1,5 @@
-"""What runs in the process of a stranger's class (`guest`): one that watches, and one in which the class is asked.
+"""What runs in the processes of strangers' classes (`guest`): one that is prepared and forks the others, for each class
+one that watches, and one in which the class is asked.
 
 Where the system allows it, the class is off the network, sees and signals no process but those that it started, and
 cannot change the folder of its rows.
@@ -12,12 +13,16 @@ import os
 import resource
 import select
 import signal
+import socket
+import sys
 import time
 from pathlib import Path
 from typing import Any, NoReturn
 
 TICK, LOOK_AROUND = 0.05, 1.0
 """How often the memory of the class's process is looked at, and that of those that it started, in [s]."""
+LONGEST_REQUEST = 100_000
+"""In which a process for a class is asked for, in bytes."""
 MOST_PROCESSES = 64
 """That a class may start."""
 MOST_PRINTED = 100_000
@@ -29,7 +34,49 @@ MS_OF_STATVFS = {2: 2, 4: 4, 8: 8, 1024: 1024, 2048: 2048, 4096: 1 << 21}
 CAPABILITIES_3 = 0x20080522  # Of linux/capability.h.
 
 
-def main(channel: str, status: str, gigabytes: str, kept: str) -> None:
+def main(channel: str) -> None:
+    """Import once what takes seconds, then fork a process for each class that is asked for over this file descriptor,
+    until it is closed at its other end. The answer is a file descriptor of the process."""
+    import policies.guidance  # noqa: F401
+
+    ctypes.CDLL(None).prctl(PR_SET_DUMPABLE, 0)  # No class writes to this process.
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # Nobody here waits for what ended.
+    asked = socket.socket(fileno=int(channel))
+    while True:
+        said, ends, *_ = socket.recv_fds(asked, LONGEST_REQUEST, 4)
+        if not said:
+            return
+        process = os.fork()
+        if process == 0:
+            _begin(asked, ends, json.loads(said))
+        handle = os.pidfd_open(process)
+        socket.send_fds(asked, [b"."], [handle])
+        for each in (handle, *ends):
+            os.close(each)
+
+
+def _begin(asked: socket.socket, ends: list[int], request: dict[str, Any]) -> NoReturn:
+    """In a process that was forked for a class: be as one that the command started by itself, and watch."""
+    try:
+        asked.close()
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        ctypes.CDLL(None).prctl(PR_SET_DUMPABLE, 1)
+        os.setsid()  # Ctrl-C is for the command.
+        standard_input, error, channel, status = ends
+        for number, end in enumerate((standard_input, error, error)):
+            os.dup2(end, number)
+        os.close(standard_input)
+        os.close(error)
+        os.environ.clear()
+        os.environ.update(request["environment"])
+        sys.path[:] = request["path"]
+        os.chdir(request["folder"])
+        watch(channel, status, request["gigabytes"], request["kept"])
+    finally:
+        os._exit(0)
+
+
+def watch(channel: int, status: int, gigabytes: float, kept: str) -> None:
     """Start the class's process, and watch over it until it ends or standard input does, as it does with the parent.
 
     Args:
@@ -48,16 +95,16 @@ def main(channel: str, status: str, gigabytes: str, kept: str) -> None:
         ctypes.CDLL(None).prctl(PR_SET_DUMPABLE, 1)
         for number in (1, 2):
             os.dup2(printed, number)
-        for end in (int(status), heard, printed):
+        for end in (status, heard, printed):
             os.close(end)
-        _serve(int(channel), has)
-    for end in (int(channel), printed):
+        _serve(channel, has)
+    for end in (channel, printed):
         os.close(end)
-    reason = _watch(guest, float(gigabytes), heard)
+    reason = _watch(guest, gigabytes, heard)
     _end_all()
     with contextlib.suppress(OSError):  # Nobody reads it any more.
         said = reason.encode()
-        os.write(int(status), len(said).to_bytes(4, "big") + said)  # As `multiprocessing.connection` reads it.
+        os.write(status, len(said).to_bytes(4, "big") + said)  # As `multiprocessing.connection` reads it.
 
 
 def _leave(kept: str) -> list[str]:
