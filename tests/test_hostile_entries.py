@@ -194,6 +194,15 @@ def test_what_was_finished_before_is_kept(brief, tmp_path):
     assert read_episodes(output / "late").episode_seed.tolist() == [150_000]
 
 
+def test_a_host_that_was_killed_is_replaced(tmp_path):
+    guidance = stranger(tmp_path, "return chunk").make(0.1, None, (0.0, 0.0), 0)
+    host().process.kill()
+    host().process.wait()
+    assert torch.equal(guidance.correct(CHUNK, STATE), CHUNK)  # What it forked goes on.
+    other = stranger(tmp_path, "return 2 * chunk").make(0.1, None, (0.0, 0.0), 0)
+    assert torch.equal(other.correct(CHUNK, STATE), 2 * CHUNK)
+
+
 def test_of_a_class_that_fails_at_once_no_folder_is_left(brief, tmp_path):
     stranger(tmp_path, "raise ValueError('no')")
     (tmp_path / "entry.yaml").write_text("name: bad\nauthor: A\ndescription: B\nguidance: theirs.py:Theirs\nscale: 1")

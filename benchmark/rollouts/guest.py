@@ -162,19 +162,23 @@ class GuestHost:
         """A process that serves a class, with these arguments of `guest_house.watch`.
 
         Raises:
-            OSError: If the host is gone.
+            SettingError: If the host is gone.
         """
         limits = {"gigabytes": gigabytes, "kept": str(kept or "")}
         request = limits | {"environment": self._environment(), "path": sys.path, "folder": os.getcwd()}
         standard_input, ours = os.pipe()
-        ends = [standard_input, 2, channel, status]
-        socket.send_fds(self._asked, [json.dumps(request).encode()], ends)
-        os.close(standard_input)
-        said, handles, *_ = socket.recv_fds(self._asked, 1, 1)
-        if not said:
-            raise ConnectionResetError
-        os.set_inheritable(handles[0], False)
-        return Forked(handles[0], ours)
+        with open(os.memfd_create("request"), "w") as file:
+            json.dump(request, file)
+            file.flush()
+            try:
+                socket.send_fds(self._asked, [b"."], [file.fileno(), standard_input, 2, channel, status])
+                _, (handle,), *_ = socket.recv_fds(self._asked, 1, 1)
+            except (OSError, ValueError) as error:  # Nothing comes of a process that is gone.
+                raise SettingError("No process for a class could be started, perhaps for want of memory.") from error
+            finally:
+                os.close(standard_input)
+        os.set_inheritable(handle, False)
+        return Forked(handle, ours)
 
     def _environment(self) -> dict[str, str]:
         one_thread = dict.fromkeys(["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"], "1")

@@ -21,8 +21,6 @@ from typing import Any, NoReturn
 
 TICK, LOOK_AROUND = 0.05, 1.0
 """How often the memory of the class's process is looked at, and that of those that it started, in [s]."""
-LONGEST_REQUEST = 100_000
-"""In which a process for a class is asked for, in bytes."""
 MOST_PROCESSES = 64
 """That a class may start."""
 MOST_PRINTED = 100_000
@@ -43,35 +41,38 @@ def main(channel: str) -> None:
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # Nobody here waits for what ended.
     asked = socket.socket(fileno=int(channel))
     while True:
-        said, ends, *_ = socket.recv_fds(asked, LONGEST_REQUEST, 4)
+        said, ends, *_ = socket.recv_fds(asked, 1, 5)
         if not said:
             return
         process = os.fork()
         if process == 0:
-            _begin(asked, ends, json.loads(said))
+            asked.close()
+            _begin(*ends)
         handle = os.pidfd_open(process)
         socket.send_fds(asked, [b"."], [handle])
         for each in (handle, *ends):
             os.close(each)
 
 
-def _begin(asked: socket.socket, ends: list[int], request: dict[str, Any]) -> NoReturn:
-    """In a process that was forked for a class: be as one that the command started by itself, and watch."""
+def _begin(request: int, standard_input: int, error: int, channel: int, status: int) -> NoReturn:
+    """In a process that was forked for a class: be as one that the command started by itself, and watch. All are file
+    descriptors; the first is of a file that says what is asked for."""
     try:
-        asked.close()
+        with open(request) as file:
+            file.seek(0)
+            asked = json.load(file)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         ctypes.CDLL(None).prctl(PR_SET_DUMPABLE, 1)
         os.setsid()  # Ctrl-C is for the command.
-        standard_input, error, channel, status = ends
         for number, end in enumerate((standard_input, error, error)):
             os.dup2(end, number)
         os.close(standard_input)
         os.close(error)
         os.environ.clear()
-        os.environ.update(request["environment"])
-        sys.path[:] = request["path"]
-        os.chdir(request["folder"])
-        watch(channel, status, request["gigabytes"], request["kept"])
+        os.environ.update(asked["environment"])
+        sys.path[:] = asked["path"]
+        os.chdir(asked["folder"])
+        watch(channel, status, asked["gigabytes"], asked["kept"])
     finally:
         os._exit(0)
 
