@@ -160,7 +160,7 @@ SMALL = ["setting=original", "lambda=0,0.5", *(f"map.{name}={value}" for name, v
 def sweep(folder, *arguments):
     """Start a sweep as from a terminal of its own."""
     own = [f"output_dir={folder}", f"hydra.sweep.dir={folder / 'sweep'}"]
-    command = [sys.executable, "-m", "benchmark.run", "-m", "robot=ur3", "batch_size=2", "device=cpu", *own, *arguments]
+    command = [sys.executable, "-m", "benchmark.run", "-m", "robot=ur3", "batch_size=1", "device=cpu", *own, *arguments]
     with open(folder / "log.txt", "a") as log:
         return subprocess.Popen(command, cwd=ROOT, start_new_session=True, stdout=log, stderr=log)
 
@@ -185,7 +185,7 @@ def swept(cache, tmp_path_factory):
     shutil.copytree(checkpoint_folder(42), folder / "good")
     shutil.copytree(checkpoint_folder(42), folder / "bad")
     (folder / "bad" / "model.safetensors").write_bytes(b"no weights")
-    arguments = [*SMALL, "episodes=4", "workers=1", f"policy={folder / 'bad'},{folder / 'good'}"]
+    arguments = [*SMALL, "episodes=2", "workers=1", f"policy={folder / 'bad'},{folder / 'good'}"]
     running = sweep(folder, *arguments)
     when_stored(folder, running)
     os.killpg(running.pid, signal.SIGKILL)
@@ -197,8 +197,8 @@ def swept(cache, tmp_path_factory):
 
 def test_a_killed_sweep_goes_on_where_it_was(swept):
     rows, before, _, _ = swept
-    assert 0 < len(before) < 8
-    assert len(rows) == 8 and not rows.duplicated(["lambda", "episode_seed"]).any()
+    assert 0 < len(before) < 4
+    assert len(rows) == 4 and not rows.duplicated(["lambda", "episode_seed"]).any()
     assert set(rows.method) == {"direct", "paper"}
 
 
@@ -237,9 +237,9 @@ def test_a_cluster_s_jobs_store_the_same_rows_and_are_logged(swept, cache, tmp_p
     # A folder of all jobs is there before the first: submitit makes a folder of each too late for it on a busy machine.
     jobs = ["hydra/launcher=submitit_local", f"hydra.launcher.submitit_folder={tmp_path / 'jobs'}"]
     wandb = ["wandb.mode=offline", f"wandb.folder={tmp_path}", "wandb.group=mine"]
-    ended = sweep(tmp_path, *SMALL, "episodes=2", f"policy={folder / 'good'}", *jobs, *wandb).wait(timeout=900)
+    ended = sweep(tmp_path, *SMALL, "episodes=1", f"policy={folder / 'good'}", *jobs, *wandb).wait(timeout=900)
     assert ended == 0, (tmp_path / "log.txt").read_text()
-    columns, first = ["lambda", "episode_seed", "p2", "length"], rows[rows.episode_seed < rows.episode_seed.min() + 2]
+    columns, first = ["lambda", "episode_seed", "p2", "length"], rows[rows.episode_seed == rows.episode_seed.min()]
     again, before = (table[columns].sort_values(columns).to_numpy() for table in (read_episodes(tmp_path), first))
     assert (again == before).all()
     runs = offline_runs(tmp_path)
