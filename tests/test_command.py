@@ -166,6 +166,13 @@ def test_a_signal_that_a_library_swallows_ends_a_command_all_the_same(number, st
     assert (ended.returncode, ended.stderr) == (status, "Interrupted.\n")
 
 
+def test_a_signal_that_is_swallowed_for_good_leaves_nothing_that_comes_later():
+    """The command ends as it would have, also where the interpreter takes a while to."""
+    code = SWALLOWS.replace("time.sleep(60)", "import atexit; atexit.register(time.sleep, 0.5)")
+    ended = subprocess.run([sys.executable, "-c", code, "15"], cwd=ROOT, capture_output=True, text=True)
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_after_a_command_ends_the_interpreter_without_a_word(number):
     code = SWALLOWS.replace("os.kill(os.getpid(), int(number))", "pass") + "os.kill(os.getpid(), int(number))"

@@ -2,8 +2,10 @@
 
 import dataclasses
 import os
+import socket
 import subprocess
 import sys
+from multiprocessing.connection import wait
 
 import psutil
 import pytest
@@ -12,6 +14,7 @@ import torch
 from benchmark import enter
 from benchmark.enter import EnterConfig
 from benchmark.episodes.table import read_episodes
+from benchmark.rollouts import guest
 from benchmark.rollouts.guest import host
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.settings.setting import SettingError
@@ -201,6 +204,20 @@ def test_a_host_that_was_killed_is_replaced(tmp_path):
     assert torch.equal(guidance.correct(CHUNK, STATE), CHUNK)  # What it forked goes on.
     other = stranger(tmp_path, "return 2 * chunk").make(0.1, None, (0.0, 0.0), 0)
     assert torch.equal(other.correct(CHUNK, STATE), 2 * CHUNK)
+
+
+def test_a_process_whose_start_was_interrupted_is_not_taken_for_the_next_one(monkeypatch):
+    host()
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(socket, "recv_fds", interrupted)
+        guest.GuestProcess(60.0, 1.0, None)
+    process = guest.GuestProcess(60.0, 1.0, None)
+    process._process.kill()
+    assert wait([process._channel], 10)  # It was that one, which is gone.
 
 
 def test_of_a_class_that_fails_at_once_no_folder_is_left(brief, tmp_path):

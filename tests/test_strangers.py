@@ -457,7 +457,6 @@ def test_names_in_any_alphabet_in_any_locale(tmp_path):
     program = """
 import sys
 from richmap.motion.collision import self_collision
-from richmap.robots import expansion
 from richmap.robots.custom import custom_robot
 robot = custom_robot(sys.argv[1], "base", "werkzeug \\xfc")
 print(robot.fingerprint, len(self_collision(robot).pairs))

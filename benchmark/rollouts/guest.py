@@ -9,7 +9,6 @@ import json
 import math
 import multiprocessing
 import os
-import select
 import signal
 import socket
 import struct
@@ -120,26 +119,24 @@ class Forked:
 
     Args:
         handle: A file descriptor of it.
-        standard_input: By whose end it ends.
+        standard_input: Write end of its standard input; the process ends when this is closed.
     """
 
     def __init__(self, handle: int, standard_input: int) -> None:
-        self._ends = [standard_input, handle]
+        self._handle, self._standard_input = handle, standard_input
 
     def kill(self) -> None:
         """End it at once."""
-        if self._ends:
-            with contextlib.suppress(ProcessLookupError):
-                signal.pidfd_send_signal(self._ends[1], signal.SIGKILL)
+        with contextlib.suppress(OSError):  # It is gone.
+            signal.pidfd_send_signal(self._handle, signal.SIGKILL)
 
     def end(self) -> None:
         """Close its standard input, and see it gone."""
-        os.close(self._ends[0])
-        if not select.select(self._ends[1:], [], [], ENDING)[0]:
+        os.close(self._standard_input)
+        if not wait([self._handle], ENDING):
             self.kill()
-            select.select(self._ends[1:], [], [])
-        os.close(self._ends[1])
-        self._ends = []
+            wait([self._handle])
+        os.close(self._handle)
 
 
 class GuestHost:
@@ -147,6 +144,7 @@ class GuestHost:
 
     def __init__(self) -> None:
         self._asked, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._asked.settimeout(START)
         command = "import sys; from benchmark.rollouts.guest_house import main; main(*sys.argv[1:])"
         self.process = subprocess.Popen(
             [sys.executable, "-u", "-c", command, str(theirs.fileno())],
@@ -167,16 +165,20 @@ class GuestHost:
         limits = {"gigabytes": gigabytes, "kept": str(kept or "")}
         request = limits | {"environment": self._environment(), "path": sys.path, "folder": os.getcwd()}
         standard_input, ours = os.pipe()
-        with open(os.memfd_create("request"), "w") as file:
-            json.dump(request, file)
-            file.flush()
-            try:
+        try:
+            with open(os.memfd_create("request"), "w") as file:
+                json.dump(request, file)
+                file.flush()
                 socket.send_fds(self._asked, [b"."], [file.fileno(), standard_input, 2, channel, status])
-                _, (handle,), *_ = socket.recv_fds(self._asked, 1, 1)
-            except (OSError, ValueError) as error:  # Nothing comes of a process that is gone.
+            _, (handle,), *_ = socket.recv_fds(self._asked, 1, 1)
+        except BaseException as error:
+            os.close(ours)
+            _end_host(self._asked, self.process)  # Its answer would be taken for the next one's.
+            if isinstance(error, OSError | ValueError):  # Nothing comes of a process that is gone.
                 raise SettingError("No process for a class could be started, perhaps for want of memory.") from error
-            finally:
-                os.close(standard_input)
+            raise
+        finally:
+            os.close(standard_input)
         os.set_inheritable(handle, False)
         return Forked(handle, ours)
 
@@ -186,12 +188,10 @@ class GuestHost:
 
 
 def _end_host(asked: socket.socket, process: subprocess.Popen) -> None:
+    """End a host, which holds nothing; what it forked goes on."""
     asked.close()
-    try:
-        process.wait(ENDING)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+    process.kill()
+    process.wait()
 
 
 def host() -> GuestHost:
@@ -224,9 +224,16 @@ class GuestProcess:
         made = missing_folders(kept) if kept else []
         if kept:
             kept.mkdir(parents=True, exist_ok=True)
-        self._process = host().fork(theirs.fileno(), tells.fileno(), gigabytes, kept)
-        theirs.close()
-        tells.close()
+        try:
+            self._process = host().fork(theirs.fileno(), tells.fileno(), gigabytes, kept)
+        except BaseException:
+            ours.close()
+            told.close()
+            remove_empty(made)
+            raise
+        finally:
+            theirs.close()
+            tells.close()
         self._channel, self._told = Connection(ours.detach()), told
         self._end = weakref.finalize(self, _end, self._process, self._channel, self._told, made)
         _, said = self.ask("A process for a class", 0, "start")

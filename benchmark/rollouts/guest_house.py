@@ -1,5 +1,5 @@
-"""What runs in the processes of strangers' classes (`guest`): one that is prepared and forks the others, for each class
-one that watches, and one in which the class is asked.
+"""What runs in the processes of strangers' classes (`guest`): a host that is prepared and forks the others; for each
+class one process that watches, and one in which the class is asked.
 
 Where the system allows it, the class is off the network, sees and signals no process but those that it started, and
 cannot change the folder of its rows.
@@ -16,6 +16,7 @@ import signal
 import socket
 import sys
 import time
+import traceback
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -34,33 +35,35 @@ CAPABILITIES_3 = 0x20080522  # Of linux/capability.h.
 
 def main(channel: str) -> None:
     """Import once what takes seconds, then fork a process for each class that is asked for over this file descriptor,
-    until it is closed at its other end. The answer is a file descriptor of the process."""
+    until it is closed at its other end. The process answers with a file descriptor of itself."""
     import policies.guidance  # noqa: F401
 
     ctypes.CDLL(None).prctl(PR_SET_DUMPABLE, 0)  # No class writes to this process.
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # Nobody here waits for what ended.
     asked = socket.socket(fileno=int(channel))
-    while True:
-        said, ends, *_ = socket.recv_fds(asked, 1, 5)
-        if not said:
-            return
-        process = os.fork()
-        if process == 0:
-            asked.close()
-            _begin(*ends)
-        handle = os.pidfd_open(process)
-        socket.send_fds(asked, [b"."], [handle])
-        for each in (handle, *ends):
-            os.close(each)
+    with contextlib.suppress(ConnectionError):  # Nobody asks any more.
+        while True:
+            said, ends, *_ = socket.recv_fds(asked, 1, 5)
+            if not said:
+                return
+            if os.fork() == 0:
+                _begin(asked, ends)
+            for each in ends:
+                os.close(each)
 
 
-def _begin(request: int, standard_input: int, error: int, channel: int, status: int) -> NoReturn:
-    """In a process that was forked for a class: be as one that the command started by itself, and watch. All are file
-    descriptors; the first is of a file that says what is asked for."""
+def _begin(asked: socket.socket, ends: list[int]) -> NoReturn:
+    """In a process that was forked for a class: become what a process started by the command itself would be, and
+    watch. The first of the file descriptors is of a file that says what is asked for."""
     try:
+        handle = os.pidfd_open(os.getpid())
+        socket.send_fds(asked, [b"."], [handle])
+        os.close(handle)
+        asked.close()
+        request, standard_input, error, channel, status = ends
         with open(request) as file:
             file.seek(0)
-            asked = json.load(file)
+            said = json.load(file)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         ctypes.CDLL(None).prctl(PR_SET_DUMPABLE, 1)
         os.setsid()  # Ctrl-C is for the command.
@@ -69,12 +72,14 @@ def _begin(request: int, standard_input: int, error: int, channel: int, status: 
         os.close(standard_input)
         os.close(error)
         os.environ.clear()
-        os.environ.update(asked["environment"])
-        sys.path[:] = asked["path"]
-        os.chdir(asked["folder"])
-        watch(channel, status, asked["gigabytes"], asked["kept"])
-    finally:
-        os._exit(0)
+        os.environ.update(said["environment"])
+        sys.path[:] = said["path"]
+        os.chdir(said["folder"])
+        watch(channel, status, said["gigabytes"], said["kept"])
+    except BaseException:
+        traceback.print_exc()
+        os._exit(1)
+    os._exit(0)
 
 
 def watch(channel: int, status: int, gigabytes: float, kept: str) -> None:

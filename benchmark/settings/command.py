@@ -78,7 +78,8 @@ def run_command[Config](
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # It says where its cache is if the home is read-only.
     spec = sys.modules["__main__"].__spec__
     module = spec.name if spec and main.__module__ == "__main__" else f"benchmark.{name}"
-    with _stopped_by_signals(), _one_line_for_errors([GONE_ON] * goes_on):
+    gone_on = [GONE_ON] * goes_on
+    with _one_line_for_errors(gone_on), _stopped_by_signals(gone_on):
         if os.environ.get("MUJOCO_GL"):
             import envs  # noqa: F401, which says whether MuJoCo loads with that.
         flags, overrides = split(sys.argv[1:])
@@ -104,16 +105,27 @@ def run_command[Config](
 
 
 @contextmanager
-def _stopped_by_signals() -> Iterator[None]:
-    """SIGINT and SIGTERM raise what ends the command; after it they end the process, as nobody would catch that."""
+def _stopped_by_signals(gone_on: Sequence[str]) -> Iterator[None]:
+    """SIGINT and SIGTERM end the command with a line; once it is over they end the process, as nothing would catch an
+    exception then.
+
+    Args:
+        gone_on: What to say besides.
+    """
     _stops.clear()
+    hook = sys.unraisablehook
+    sys.unraisablehook = lambda ignored: None if issubclass(ignored.exc_type, KeyboardInterrupt) else hook(ignored)
     for number, stop in ((signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, _Terminated)):
         if signal.getsignal(number) is not signal.SIG_IGN:  # As a shell has SIGINT for what runs in the background.
             signal.signal(number, _raising(stop))
-    hook, sys.unraisablehook = sys.unraisablehook, _unless_interrupted
     try:
         yield
+    except BaseException as error:
+        if not isinstance(error, KeyboardInterrupt) and not _stops:
+            raise
+        _end(143 if _Terminated in (type(error), *_stops) else 130, "Interrupted.", *gone_on)
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
         sys.unraisablehook = hook
         for number in (signal.SIGINT, signal.SIGTERM):
             if signal.getsignal(number) is not signal.SIG_IGN:
@@ -122,7 +134,7 @@ def _stopped_by_signals() -> Iterator[None]:
 
 @contextmanager
 def _one_line_for_errors(gone_on: Sequence[str]) -> Iterator[None]:
-    """End the program with a status and one line for what a user can mend, and without a traceback when it is stopped.
+    """End the program with a status and one line for what a user can mend.
 
     Args:
         gone_on: What to say besides where the command was cut off.
@@ -150,12 +162,6 @@ def _one_line_for_errors(gone_on: Sequence[str]) -> Iterator[None]:
             raise
         in_cache = Path(str(error.filename)).is_relative_to(platformdirs.user_cache_path())
         _end(1, f"error: {error.strerror}: {error.filename}.", *[OTHER_CACHE] * in_cache, *gone_on)
-    except BaseException as error:
-        if not isinstance(error, KeyboardInterrupt) and not _stops:
-            raise
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        terminated = isinstance(error, _Terminated) or _Terminated in _stops
-        _end(143 if terminated else 130, "Interrupted.", *gone_on)
 
 
 def _run[Config](
@@ -205,12 +211,6 @@ def _raising(stop: type[KeyboardInterrupt]) -> Callable[..., NoReturn]:
         raise stop
 
     return handle
-
-
-def _unless_interrupted(ignored: "sys.UnraisableHookArgs") -> None:
-    """Tells of an error that nobody can catch, unless it is an interruption, which comes again."""
-    if not issubclass(ignored.exc_type, KeyboardInterrupt):
-        sys.__unraisablehook__(ignored)
 
 
 def _completes(flags: list[str]) -> bool:

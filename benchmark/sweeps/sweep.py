@@ -6,10 +6,12 @@ python -m benchmark.run -m experiment=transfer robot=ur3 seed=42 lambda=0,2,4
 import json
 import math
 import os
+import re
 import sys
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from decimal import Decimal
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -85,17 +87,15 @@ def count_jobs(config: DictConfig) -> int:
         plain = [_plain(value) for value in given]
         for value, times in Counter(plain).most_common(1):
             if times > 1:
-                typed = given[plain.index(value)]
-                raise SettingError(f"The sweep has {name}={typed} {times} times. Give each value once.")
+                first = given[plain.index(value)]
+                raise SettingError(f"The sweep has {name}={first} {times} times. Give each value once.")
     return jobs
 
 
-def _plain(value: str) -> str:
-    """A value, as every way to write a number says it."""
-    try:
-        return repr(float(value))
-    except ValueError:
-        return value
+def _plain(value: str) -> str | Decimal:
+    """A value without quotes; a number, however it is written, as that number."""
+    text = value.strip("'\"")
+    return Decimal(text) if re.fullmatch(r"-?(0|[1-9]\d*)(\.\d*)?([eE][-+]?\d+)?", text) else text
 
 
 def _clear_jobs(folder: Path) -> None:

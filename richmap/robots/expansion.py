@@ -16,6 +16,8 @@ from richmap.robots.packages import is_nameless, package_folders
 
 LONGEST, LARGEST = 30, 2 * 2**30
 """What an expansion may take, in seconds and bytes. Vendors' files take a second or two, and a tenth of a gigabyte."""
+MOST_TEXT = 100_000_000
+"""Characters of an expanded file."""
 
 
 def expanded(file: Path, arguments: str = "") -> ET.Element:
@@ -29,12 +31,18 @@ def expanded(file: Path, arguments: str = "") -> ET.Element:
         ValueError: If that cannot be done, or takes more than 30 s or 2 GiB.
     """
     command = [sys.executable, "-P", "-m", __name__, str(file), arguments]
-    ours = {"PYTHONPATH": str(Path(__file__).parents[2])}
+    found = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     try:
         ended = subprocess.run(
-            command, env=os.environ | ours, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, timeout=LONGEST
+            command,
+            env=os.environ | found,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            timeout=LONGEST,
+            process_group=0,  # Ctrl-C is for us.
         )
-        said = json.loads(ended.stdout) if ended.returncode == 0 else {"error": "its process was killed"}
+        code = ended.returncode
+        said = {"error": f"its process ended with {code}"} if code else json.loads(ended.stdout)
     except subprocess.TimeoutExpired:
         said = {"error": f"its expressions take more than {LONGEST} s"}
     if "error" in said:
@@ -72,6 +80,8 @@ def _expand(file: Path, arguments: str) -> dict[str, str]:
         given = _Arguments(arguments)
         _teach(file)
         text = xacro.process_file(str(file), mappings=given).toxml()
+        if len(text) > MOST_TEXT:
+            raise ValueError(f"it becomes {len(text):,} characters, and {MOST_TEXT:,} are the most")
         if unknown := sorted(given.given - given.asked):
             known = ", ".join(sorted(map(str, given.asked))) or "none"
             raise ValueError(f"it has no argument {unknown[0]!r}. Its arguments: {known}")
