@@ -258,7 +258,7 @@ def test_what_lacks_episodes_or_a_ceiling_is_said():
     found = ranking(tables | {"c0": tables["c0"][~lacking]}, conditions, ceilings)
     assert np.isnan(found.share["mine"]) and np.isnan(found["rank"]["mine"]) and found.worst["mine"] > 0
     said = remarks(found.reset_index(), "mine", [*conditions], ceilings)
-    assert said == ["Without a rank, as episodes of direct transfer's are missing: mine."]
+    assert said == ["Without a rank, as they lack episodes that direct transfer played: mine."]
     unfrozen = ranking(tables, conditions, {})
     assert unfrozen.share.isna().all() and unfrozen["rank"]["top"] == 1
     (said,) = remarks(unfrozen.reset_index(), "mine", [*conditions], {})

@@ -271,7 +271,7 @@ def remarks(
         scenes = sorted({scene for each in ceilings.values() for scene in each.scenes})
         said.append(f"There are no shares of head-room: the ceilings are of scenes {scenes[0]} to {scenes[-1]} alone.")
     if len(lacking := [*methods.method[methods["rank"].isna()]]):
-        said.append(f"Without a rank, as episodes of direct transfer's are missing: {', '.join(lacking)}.")
+        said.append(f"Without a rank, as they lack episodes that direct transfer played: {', '.join(lacking)}.")
     if len(tied := [*methods.method[methods.tied.eq(True)]]):
         said.append(f"Even and odd scenes do not order the first alike: {', '.join(tied)} are tied.")
     return said
