@@ -355,6 +355,17 @@ def test_an_expression_of_a_xacro_file_gets_at_nothing_of_pythons_own(arm, expre
         arm(text, name="arm.xacro")
 
 
+def test_xacro_is_expanded_where_less_memory_is_allowed_than_it_may_take(tmp_path):
+    (tmp_path / "arm.xacro").write_text(f'{XACRO}<link name="l${{1 + 1}}"/></robot>')
+    code = (
+        "import resource, sys; from pathlib import Path; from richmap.robots.expansion import expanded;"
+        "resource.setrlimit(resource.RLIMIT_AS, (2**30, 2**30));"
+        "print(expanded(Path(sys.argv[1])).find('link').get('name'))"
+    )
+    ended = subprocess.run([sys.executable, "-c", code, str(tmp_path / "arm.xacro")], capture_output=True, text=True)
+    assert (ended.stdout, ended.returncode) == ("l2\n", 0), ended.stderr
+
+
 @pytest.mark.parametrize("expression", ["9**9**9", "max(range(10**12))"])
 def test_an_expression_of_a_xacro_file_that_does_not_end_is_refused(arm, monkeypatch, expression):
     monkeypatch.setattr(expansion, "LONGEST", 2)

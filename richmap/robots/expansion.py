@@ -145,6 +145,7 @@ def _teach(file: Path) -> None:
 
 
 if __name__ == "__main__":
-    resource.setrlimit(resource.RLIMIT_AS, (LARGEST, LARGEST))
-    resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST))  # Also where nobody waits any more.
+    for kind, most in ((resource.RLIMIT_AS, LARGEST), (resource.RLIMIT_CPU, LONGEST)):  # Also if nobody waits any more.
+        hard = resource.getrlimit(kind)[1]
+        resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
     json.dump(_expand(Path(sys.argv[1]), sys.argv[2]), sys.stdout)
