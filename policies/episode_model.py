@@ -3,7 +3,7 @@
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Shaped
 
 from richmap.maps.reachability_map import ReachabilityMap
 from richmap.task_spaces.way import Way
@@ -50,9 +50,6 @@ class EpisodeModel(Protocol):
     def ideal(self) -> "EpisodeModel":
         """The same with a tool that goes where it is told, whatever arm holds it."""
 
-    def by_map(self, of_arm: ReachabilityMap) -> "EpisodeModel":
-        """The same of the arm as its map has it: `share` is by that, and what stands for its joints is up to it."""
-
     def start(self) -> Float[np.ndarray, " dof"]:
         """Joint angles at the start of an episode, in [rad]."""
 
@@ -68,15 +65,29 @@ class EpisodeModel(Protocol):
         """Episodes that go on from there."""
 
     def showings(self, count: int) -> Bool[np.ndarray, "count rest"]:
-        """Which numbers of what is seen of the scene are shown as 1 in each of several plans, though they are not."""
+        """Which numbers of what is seen of the scene are hidden in each of several plans."""
+
+    def show(
+        self, seen: Shaped[np.ndarray, "n t rest"], hidden: Bool[np.ndarray, "n rest"]
+    ) -> Shaped[np.ndarray, "n t rest"]:
+        """What the policy is shown of what is seen lately of the scene, where these numbers are hidden."""
 
     def ways(self, environment: Float[np.ndarray, " rest"]) -> list[Way]:
         """The ways to do what is left of the task; none if nothing is."""
 
-    def share(
-        self, joints: Float[np.ndarray, " dof"], environment: Float[np.ndarray, " rest"], way: Way, tries: int
-    ) -> float:
-        """Of so many paths of the scripted expert along a way the share that the arm can go from where it is.
+    def shares(
+        self, joints: Float[np.ndarray, " dof"], environment: Float[np.ndarray, " rest"], ways: list[Way], tries: int
+    ) -> Float[np.ndarray, " ways"]:
+        """Of so many paths of the scripted expert along each of these `ways` the share that the arm can go from where
+        it is.
 
         The first path is through the scene as it is seen, the others through it slightly moved.
         """
+
+
+@runtime_checkable
+class MappableModel(EpisodeModel, Protocol):
+    """One that can also do with an arm's map."""
+
+    def by_map(self, of_arm: ReachabilityMap) -> EpisodeModel:
+        """The same of the arm as its map has it: `shares` are by that, and what stands for its joints is up to it."""

@@ -242,6 +242,7 @@ METHODS = {
             scale=_ENOUGH,
             first=0.125,
             imagines=True,
+            task="press_buttons",
         ),
         Method(
             name="way_by_branch",
@@ -251,6 +252,7 @@ METHODS = {
             scale=_ENOUGH,
             first=0.125,
             imagines=True,
+            task="press_buttons",
         ),
         Method(
             name="way_by_witness",
@@ -260,6 +262,7 @@ METHODS = {
             scale=_ENOUGH,
             first=0.125,
             imagines=True,
+            task="press_buttons",
         ),
         Method(
             name="way_by_flipped_map",
@@ -269,6 +272,7 @@ METHODS = {
             scale=_ENOUGH,
             first=0.125,
             imagines=True,
+            task="press_buttons",
         ),
         Method(
             name="way_by_shuffled_map",
@@ -278,6 +282,7 @@ METHODS = {
             scale=_ENOUGH,
             first=0.125,
             imagines=True,
+            task="press_buttons",
         ),
         Method(
             name="way_of_any",
@@ -324,6 +329,7 @@ METHODS = {
             imagines=True,
             avoids=True,
             also_needs=(SHAPES,),
+            task="press_buttons",
         ),
         Method(
             name="value_on_arm",

@@ -31,8 +31,8 @@ class Plan:
     """Of every step from its beginning on."""
     commanded: Float[np.ndarray, "t command"]
     """What is commanded before every step, as imagined."""
-    shown: Bool[np.ndarray, " rest"]
-    """Which numbers of what is seen of the scene are shown as 1."""
+    hidden: Bool[np.ndarray, " rest"]
+    """Which numbers of what is seen of the scene are hidden."""
     done: int = 0
     """Steps that were made of it."""
 
@@ -88,11 +88,14 @@ class PlanChoice(Guidance):
     def noise(self, batch: dict[str, Tensor], noise: Float[Tensor, "b *chunk"], sample: Sample) -> Tensor:
         noise = noise.clone()
         for i, row in self._rows.items():
-            state, scene = (batch[name][i, -1].double().cpu().numpy() for name in (OBS_STATE, OBS_ENV_STATE))
+            state = batch[OBS_STATE][i, -1].double().cpu().numpy()
             if np.array_equal(row.state, state):
                 continue  # Its episode is over.
             if self._is_to_plan(row, state):
-                row.plan, row.pause = self._plan_from(row, scene, noise[i], sample), PAUSE
+                row.plan, row.pause = (
+                    self._plan_from(row, batch[OBS_STATE][i], batch[OBS_ENV_STATE][i], noise[i], sample),
+                    PAUSE,
+                )
             if row.plan is not None:
                 noise[i] = row.plan.noise[row.plan.done]
                 row.plan.done += 1
@@ -101,8 +104,8 @@ class PlanChoice(Guidance):
     def imagine(self, environment: Float[Tensor, "b t rest"], state: Float[Tensor, "b state"]) -> Tensor:
         seen = environment.clone()
         for i, row in self._rows.items():
-            if row.plan is not None:
-                seen[i, :, torch.as_tensor(row.plan.shown)] = 1.0
+            if row.plan is not None and row.plan.hidden.any():
+                seen[i] = torch.as_tensor(self.model.show(seen[i : i + 1].cpu().numpy(), row.plan.hidden[None])[0])
         return seen
 
     def _is_to_plan(self, row: Row, state: Float[np.ndarray, " state"]) -> bool:
@@ -118,20 +121,28 @@ class PlanChoice(Guidance):
         return bool(np.linalg.norm(plan.commanded[plan.done] - state[self.commanded]) > ASTRAY)
 
     def _plan_from(
-        self, row: Row, scene: Float[np.ndarray, " rest"], noise: Float[Tensor, " *chunk"], sample: Sample
+        self,
+        row: Row,
+        states: Float[Tensor, "t state"],
+        scenes: Float[Tensor, "t rest"],
+        noise: Float[Tensor, " *chunk"],
+        sample: Sample,
     ) -> Plan | None:
-        """What is carried out from here on, if anything. All is imagined in one batch, whose size does not depend on
-        what else is played."""
+        """What is carried out from here on, if anything, by what was seen lately. All is imagined in one batch, whose
+        size does not depend on what else is played."""
         n, left = self.plans, self.model.steps - row.steps + 1
-        shown = self.model.showings(n)
-        imagined = row.model.begin(*(np.tile(each, (n, 1)) for each in (row.joints, row.state, scene)))
+        hidden = self.model.showings(n)
+        now = row.joints, row.state, scenes[-1].double().cpu().numpy()
+        imagined = row.model.begin(*(np.tile(each, (n, 1)) for each in now))
+        states, scenes = (each.repeat(n, 1, 1) for each in (states, scenes))
         draws, commanded = _drawn(noise, (n, left)), np.empty((n, left, self.commanded.stop - self.commanded.start))
         chosen, going = None, n
         for k in range(left):
             commanded[:, k] = imagined.state[:, self.commanded]
-            seen = np.where(shown, 1.0, imagined.environment)
-            batch = {OBS_STATE: _observed(imagined.state, noise), OBS_ENV_STATE: _observed(seen, noise)}
-            imagined.step(sample(batch, draws[:, k].to(noise))[:, 0].cpu().numpy())
+            shown = torch.as_tensor(self.model.show(scenes.cpu().numpy(), hidden)).to(scenes)
+            actions = sample({OBS_STATE: states, OBS_ENV_STATE: shown}, draws[:, k].to(noise))
+            imagined.step(actions[:, 0].cpu().numpy())
+            states, scenes = _followed(states, imagined.state), _followed(scenes, imagined.environment)
             before, going = going, int(imagined.going.sum())
             if going == 0 or k == left - 1 or (self.takes_shortest and going < before):
                 chosen = self.best(imagined)
@@ -140,7 +151,7 @@ class PlanChoice(Guidance):
         if chosen is None:
             return None
         end = int(imagined.lengths()[chosen])
-        return Plan(draws[chosen, :end], commanded[chosen, :end], shown[chosen])
+        return Plan(draws[chosen, :end], commanded[chosen, :end], hidden[chosen])
 
 
 @final
@@ -169,9 +180,9 @@ class PlanByMap(PlanChoice):
         return done[int(np.argmin(worst))] if done else None
 
 
-def _observed(values: np.ndarray, like: Tensor) -> Tensor:
-    """One observation of each row, in the precision and on the device of another tensor."""
-    return torch.as_tensor(values).to(like)[:, None]
+def _followed(seen: Float[Tensor, "n t numbers"], values: Float[np.ndarray, "n numbers"]) -> Tensor:
+    """What was seen lately once this is seen."""
+    return torch.cat([seen[:, 1:], torch.as_tensor(values).to(seen)[:, None]], 1)
 
 
 def _drawn(noise: Float[Tensor, " *chunk"], count: tuple[int, ...]) -> Tensor:

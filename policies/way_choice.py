@@ -12,14 +12,14 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from policies.directional_methods import FlippedCost, PoseCost, ShuffledCost, cost_of
-from policies.episode_model import EpisodeModel
+from policies.episode_model import EpisodeModel, MappableModel
 from policies.guidance import Guidance
 from policies.setup import Setup
 from richmap.maps.reachability_map import ReachabilityMap
 from richmap.task_spaces.way import Way
 
 EVERY = 10
-"""Steps after which ways are judged again; they are also judged whenever the scene has changed."""
+"""Steps after which ways are judged again; they are also judged whenever there are other ones."""
 WORSE = 0.5
 """Of the best merit, below which a way is usually left."""
 NEAR = 0.06
@@ -40,8 +40,10 @@ class Row:
     state: Float[np.ndarray, " state"]
     scene: Float[np.ndarray, " rest"]
     """What was seen last; nothing to begin with."""
-    shown: Bool[np.ndarray, " rest"]
-    """Which numbers of what is seen of the scene are shown as 1."""
+    hidden: Bool[np.ndarray, " rest"]
+    """Which numbers of what is seen of the scene are hidden."""
+    goals: list[tuple[int, ...]] = field(default_factory=list)
+    """Of the ways that there were when they were judged last."""
     steps: int = 0
     near: int | None = None
     """The goal that the tool was near to when ways were judged last."""
@@ -84,7 +86,8 @@ class WayChoice(Guidance):
         seen = environment.clone()
         for i, row in self._rows.items():
             self._look(row, state[i].double().cpu().numpy(), environment[i, -1].double().cpu().numpy())
-            seen[i, :, torch.as_tensor(row.shown)] = 1.0
+            if row.hidden.any():
+                seen[i] = torch.as_tensor(self.model.show(seen[i : i + 1].cpu().numpy(), row.hidden[None])[0])
         return seen
 
     def _look(self, row: Row, state: Float[np.ndarray, " state"], scene: Float[np.ndarray, " rest"]) -> None:
@@ -93,15 +96,17 @@ class WayChoice(Guidance):
             return  # Its episode is over.
         if len(row.state):
             row.joints = self.model.track(row.joints, state)
-        if row.steps % EVERY == 0 or not np.array_equal(row.scene, scene):
-            row.shown = self._chosen(row, state, scene)
+        changed = not np.array_equal(row.scene, scene)
+        if row.steps % EVERY == 0 or (changed and [way.goals for way in self.model.ways(scene)] != row.goals):
+            row.hidden = self._chosen(row, state, scene)
         row.state, row.scene, row.steps = state, scene, row.steps + 1
 
     def _chosen(
         self, row: Row, state: Float[np.ndarray, " state"], scene: Float[np.ndarray, " rest"]
     ) -> Bool[np.ndarray, " rest"]:
-        """What is shown as 1 from here on."""
+        """What is hidden from here on."""
         ways = self.model.ways(scene)
+        row.goals = [way.goals for way in ways]
         near = _nearest(ways, state[self.measured][:3])
         if near is not None and near == row.near:
             row.stays[near] += 1
@@ -113,8 +118,8 @@ class WayChoice(Guidance):
         if merits.min() == merits.max():
             return np.zeros(len(scene), dtype=bool)
         good = np.flatnonzero(merits >= self.worse * merits.max())
-        present = [i for i in good if np.array_equal(ways[i].shown, row.shown)]
-        return ways[present[0] if present else int(merits.argmax())].shown
+        present = [i for i in good if np.array_equal(ways[i].hidden, row.hidden)]
+        return ways[present[0] if present else int(merits.argmax())].hidden
 
 
 @final
@@ -127,7 +132,7 @@ class WayOnArm(WayChoice):
         self.tries = tries
 
     def merits(self, row: Row, scene: Float[np.ndarray, " rest"], ways: Sequence[Way]) -> Float[np.ndarray, " k"]:
-        return np.array([row.model.share(row.joints, scene, way, self.tries) for way in ways])
+        return row.model.shares(row.joints, scene, [*ways], self.tries)
 
 
 @final
@@ -168,6 +173,7 @@ def way_through_map(given: Setup) -> WayOnArm:
     """The way of which the arm's map has most, all along."""
     assert isinstance(given.field, ReachabilityMap)  # `policies.method` has seen to it.
     model, measured = _known(given)
+    assert isinstance(model, MappableModel)  # Pressing buttons' is, for which alone this method is.
     return WayOnArm(model.by_map(given.field), measured, int(given.scale))
 
 
@@ -201,8 +207,9 @@ def _known(given: Setup) -> tuple[EpisodeModel, slice]:
     return given.model, given.space.state[given.space.measured]
 
 
-def _nearest(ways: Sequence[Way], tool: Float[np.ndarray, "3"]) -> int | None:
-    """The goal that the tool is near to, if it is near to one."""
-    far = {goal: np.linalg.norm(at - tool) for way in ways for goal, at in zip(way.goals, way.positions, strict=True)}
+def _nearest(ways: Sequence[Way], tool: Float[np.ndarray, " axes"]) -> int | None:
+    """The goal that the tool is near to, if it is near to one, along the axes that it moves along."""
+    positions = (zip(way.goals, way.positions[:, : len(tool)], strict=True) for way in ways)
+    far = {goal: np.linalg.norm(at - tool) for each in positions for goal, at in each}
     nearest = min(far, key=far.__getitem__, default=None)
     return nearest if nearest is not None and far[nearest] < NEAR else None

@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -13,8 +13,9 @@ import pytest
 from benchmark import replay, run
 from benchmark.merge_maps import MergeMapsConfig
 from benchmark.settings import command
-from benchmark.settings.config import RunConfig
+from benchmark.settings.config import RunConfig, unfit
 from benchmark.settings.replay_config import ReplayConfig
+from envs.block_push.task import BLOCK_PUSH
 
 pytestmark = pytest.mark.system
 
@@ -93,12 +94,18 @@ def test_a_bad_setting_ends_in_one_line(give, argument):
     [
         (("task=press_buttons", "method=reorder"), "method=reorder: reorder is for block_push alone."),
         (("task=press_buttons", "method=projection"), "upright at one height, block push's, unlike press_buttons."),
-        (("method=plan_on_arm", "lambda=16"), "it imagines episodes, and block_push has no model to do that with."),
+        (("method=way_through_map", "lambda=4"), "way_through_map is for press_buttons alone."),
     ],
 )
 def test_a_method_that_cannot_act_in_the_task_is_refused(give, arguments, message):
     ended = give(run.main, RunConfig, "run", *arguments)
     assert ended.status == 2 and len(ended.errors) == 1 and message in ended.errors[0], ended.errors
+
+
+def test_a_method_that_imagines_cannot_act_in_a_task_without_a_model():
+    assert unfit("plan_on_arm", BLOCK_PUSH) == ""
+    without = unfit("plan_on_arm", replace(BLOCK_PUSH, model=None))
+    assert without == "it imagines episodes, and block_push has no model to do that with"
 
 
 def test_what_a_suite_would_ignore_is_refused(give):

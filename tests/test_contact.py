@@ -10,9 +10,9 @@ import pytest
 
 from envs import ENVIRONMENTS
 from envs.arm.contact import NOTHING, ContactTime, Touching
-from envs.block_push.environment import LEASH, MAX_STEP
 from envs.block_push.outcome import summarize
 from envs.block_push.scene import draw_scene
+from envs.block_push.workspace import LEASH, MAX_STEP
 
 pytestmark = pytest.mark.system
 

@@ -79,7 +79,7 @@ def test_a_way_is_two_buttons_or_what_is_left_of_two(model):
         ]
         for way in ways:
             shows = way.goals[:1] if way.in_order else way.goals
-            assert open_buttons(np.where(way.shown, 1.0, environment)) == shows
+            assert open_buttons(np.where(way.hidden, 1.0, environment)) == shows
             where = list(way.goals)
             places = scene.places[where] - TRAVEL * scene.normals[where]
             np.testing.assert_allclose(way.positions, places, atol=1e-12)

@@ -16,7 +16,7 @@ from envs.arm.placed_arm import start_posture
 from envs.block_push.obstacles import draw_obstacles
 from envs.block_push.scene import Scene, checked_scene, draw_scene
 from envs.block_push.success import both_placed, inside, rewards, score
-from envs.block_push.workspace import DESCRIPTION, HEIGHT, POSES, WORKSPACE
+from envs.block_push.workspace import DESCRIPTION, HEIGHT, LEASH, MAX_STEP, POSES, WORKSPACE
 from richmap.task_spaces.block_push import AT, BLOCK_PUSH_SPACE, BLOCKS, START, TARGETS
 
 with warnings.catch_warnings():
@@ -24,10 +24,6 @@ with warnings.catch_warnings():
     from envs.arm.simulation import make_simulation
     from envs.block_push.simulation import BlockPushSimulation
 
-MAX_STEP = 0.1
-"""Largest step of the commanded effector along an axis, in [m] per control step."""
-LEASH = 0.08
-"""Farthest that the command is ahead of the flange, in [m], where an arm is protected: so no error winds up."""
 YAWS = [i for i, unit in enumerate(BLOCK_PUSH_SPACE.observation.units) if unit == "rad"]
 """Which numbers of the state are angles."""
 

@@ -61,15 +61,12 @@ def _block_motion(
 ) -> Float[np.ndarray, "n 3"]:
     """Motion of the block's centre and its turn, where the contact point is pushed with this velocity; block frame."""
     arm = np.column_stack([-contact[:, 1], contact[:, 0]])  # Turn times this is the velocity of the contact point.
-
-    def answers(force: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-        return force + (arm * force).sum(1, keepdims=True) / TURNING**2 * arm
-
     compliance = np.eye(2) + arm[:, :, None] * arm[:, None, :] / TURNING**2
     force = np.linalg.solve(compliance, velocity[..., None])[..., 0]  # If the contact sticks.
     along, across = (force * normal).sum(1), (force * tangent).sum(1)
     slips = np.abs(across) > FRICTION * along
     edge = normal + FRICTION * np.sign(across)[:, None] * tangent
-    size = (velocity * normal).sum(1) / np.maximum((answers(edge) * normal).sum(1), 1e-9)
+    answer = edge + (arm * edge).sum(1, keepdims=True) / TURNING**2 * arm
+    size = (velocity * normal).sum(1) / np.maximum((answer * normal).sum(1), 1e-9)
     force = np.where(slips[:, None], np.maximum(size, 0)[:, None] * edge, force)
     return np.column_stack([force, (arm * force).sum(1) / TURNING**2])

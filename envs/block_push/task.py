@@ -45,6 +45,13 @@ def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
     )
 
 
+def model(arm: Any) -> Any:
+    """`envs.block_push.model.PushModel`."""
+    from envs.block_push.model import PushModel
+
+    return PushModel(arm)
+
+
 def holding(arm: Any, in_branch: Any = None) -> Any:
     """`envs.block_push.holding.HoldingAmong`, or `MappedAmong` by a map."""
     from envs.block_push.holding import MappedAmong, holding_among
@@ -113,6 +120,7 @@ BLOCK_PUSH = Task(
         episodes=1000,
         play=demonstrate,
     ),
+    model=model,
     controller=controller,
     holding=holding,
     shows_pictures=True,

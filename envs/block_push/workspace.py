@@ -8,6 +8,10 @@ from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE, START
 
 WORKSPACE = np.array([[0.15, -0.5], [0.7, 0.5]])
 """Box that the commanded effector is kept in, lower and upper xy in [m]."""
+MAX_STEP = 0.1
+"""Largest step of the commanded effector along an axis, in [m] per control step."""
+LEASH = 0.08
+"""Farthest that the command is ahead of the flange, in [m], where an arm is protected: so no error winds up."""
 HEIGHT = BLOCK_PUSH_SPACE.steps.position[2]
 """Of the flange above the table, in [m]."""
 POSES = TaskPoses((*START, HEIGHT), (0.2, -0.43), (0.6, 0.28))

@@ -9,7 +9,7 @@ from functools import cached_property
 from itertools import combinations, permutations
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from envs.arm.obstacles import Places
 from envs.arm.placed_arm import PlacedArm
@@ -99,13 +99,20 @@ class PressModel:
         return ImaginedPresses(self._kinematics, self._twin, joints, state, environment, self._obstacles)
 
     def showings(self, count: int) -> Bool[np.ndarray, "count 32"]:
-        """What plans are shown as 1 though it is not: nothing in the first half, then of each pair in turn the other
-        two buttons as pressed."""
+        """Nothing is hidden in the first half of plans, then of each pair in turn the other two buttons."""
         hidden = np.zeros((count, BUTTONS, PRESS_BUTTONS_SPACE.environment.width // BUTTONS), dtype=bool)
         pairs = [pair for pair in PAIRS if pair[0] < pair[1]]
         for i in range(count // 2, count):
             hidden[i, :, PRESSED] = ~np.isin(np.arange(BUTTONS), pairs[i % len(pairs)])
         return hidden.reshape(count, -1)
+
+    def show(
+        self, seen: Shaped[np.ndarray, "n t 32"], hidden: Bool[np.ndarray, "n 32"]
+    ) -> Shaped[np.ndarray, "n t 32"]:
+        """Hidden buttons are shown as pressed."""
+        shown = seen.copy()
+        shown[np.broadcast_to(hidden[:, None], seen.shape)] = 1.0
+        return shown
 
     def ways(self, environment: Float[np.ndarray, "32"]) -> list[Way]:
         """Each two buttons, then each two in either order, of which the first alone is shown; or each other one once
@@ -116,11 +123,17 @@ class PressModel:
         wanted = [(goals, False) for goals in combinations(open_ones, left)] if left > 0 else []
         wanted += [(goals, True) for goals in permutations(open_ones, left)] if left > 1 else []
         for goals, in_order in wanted:
-            shown = np.zeros(buttons.shape, dtype=bool)
-            shown[:, PRESSED] = ~pressed & ~np.isin(np.arange(BUTTONS), goals[:1] if in_order else goals)
+            hidden = np.zeros(buttons.shape, dtype=bool)
+            hidden[:, PRESSED] = ~pressed & ~np.isin(np.arange(BUTTONS), goals[:1] if in_order else goals)
             place, normal = buttons[list(goals), PLACE], buttons[list(goals), NORMAL]
-            found.append(Way(goals, in_order, shown.ravel(), place - TRAVEL * normal, -normal))
+            found.append(Way(goals, in_order, hidden.ravel(), place - TRAVEL * normal, -normal))
         return found
+
+    def shares(
+        self, joints: Float[np.ndarray, " dof"], environment: Float[np.ndarray, "32"], ways: list[Way], tries: int
+    ) -> Float[np.ndarray, " ways"]:
+        """What `share` has of each."""
+        return np.array([self.share(joints, environment, way, tries) for way in ways])
 
     def share(
         self, joints: Float[np.ndarray, " dof"], environment: Float[np.ndarray, "32"], way: Way, tries: int

@@ -14,8 +14,8 @@ class Way:
     """The parts of the scene that it leads to."""
     in_order: bool
     """Whether it leads to the first one first, or to any."""
-    shown: Bool[np.ndarray, " rest"]
-    """Which numbers of what is seen of the scene are shown as 1, though they are not, to leave this way alone."""
+    hidden: Bool[np.ndarray, " rest"]
+    """Which numbers of what is seen of the scene are hidden to leave this way alone."""
     positions: Float[np.ndarray, "k 3"]
     directions: Float[np.ndarray, "k 3"]
     """Where the point that actions move is when it reaches its goals, in [m] in the world, and the approach directions

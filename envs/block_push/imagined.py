@@ -1,0 +1,189 @@
+"""Episodes that are imagined side by side: an arm where its inverse kinematics says, and blocks that slide as if pushed
+slowly."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from envs.arm.control import CONTROL_FREQUENCY
+from envs.arm.inverse_kinematics import InverseKinematics
+from envs.arm.obstacles import Places
+from envs.arm.placed_arm import TOOL_LENGTH, PlacedArm
+from envs.block_push.pushing import PUSHER_RADIUS, push
+from envs.block_push.success import both_placed, inside
+from envs.block_push.touch import ArmTouch
+from envs.block_push.workspace import HEIGHT, LEASH, MAX_STEP, WORKSPACE
+from richmap.motion.kinematics import flange_frames
+from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
+
+STATE, SCENE = BLOCK_PUSH_SPACE.state, BLOCK_PUSH_SPACE.environment
+BLOCKS, TARGETS = ("block", "block2"), ("target", "target2")
+SUBSTEP = 0.004
+"""Longest piece in which a push is followed, in [m]."""
+REACHES = 0.0283 + PUSHER_RADIUS
+"""Farthest from a block's centre that a pusher touches it, in [m]: half a diagonal more than its radius."""
+APART = 0.045
+"""Two blocks that come nearer than this, in [m], push each other: as far as two discs of their area."""
+BLOCK_HEIGHT = 0.04
+"""A tool whose end is higher, in [m], passes over the blocks."""
+
+
+class TwinOfArm(NamedTuple):
+    """What an imagined arm is."""
+
+    arm: PlacedArm
+    kinematics: InverseKinematics
+    touch: ArmTouch
+
+    def tool(self, joints: Float[np.ndarray, "n dof"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+        """Where the flange is, in [m] in the world, and where the tool points, with joint angles in [rad]."""
+        position, rotation = flange_frames(self.arm.description, joints)
+        c, s = np.cos(self.arm.yaw), np.sin(self.arm.yaw)
+        turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])  # Of row vectors.
+        return position @ turn + self.arm.kinematic_base, rotation[:, :, 2] @ turn
+
+
+class ImaginedPushes:
+    """Several imagined episodes, a step at a time; see `policies.episode_model.Imagined`.
+
+    Blocks slide as `envs.block_push.pushing` has it, and two that meet part along the line between them.
+
+    Args:
+        twin: The arm; None for a tool that goes where it is told.
+        joints: Where it is in each row, in [rad].
+        state: What is seen of it.
+        environment: And of blocks and targets.
+        obstacles: Where they are, if there are any.
+
+    Attributes:
+        state, environment: What is seen, in the task's layout.
+    """
+
+    def __init__(
+        self,
+        twin: TwinOfArm | None,
+        joints: Float[np.ndarray, "n dof"],
+        state: Float[np.ndarray, "n 4"],
+        environment: Float[np.ndarray, "n 12"],
+        obstacles: Places | None = None,
+    ) -> None:
+        self._twin, self._obstacles = twin, obstacles
+        self.state, self.environment = np.array(state, dtype=float), np.array(environment, dtype=float)
+        self._joints = np.array(joints, dtype=float)
+        if twin is None:
+            height, down = np.full((len(state), 1), HEIGHT), np.array([0.0, 0.0, -1.0])
+            self._flange = np.hstack([self.state[:, STATE["commanded"]], height])
+            self._approach = np.broadcast_to(down, self._flange.shape).copy()
+        else:
+            self._flange, self._approach = twin.tool(self._joints)
+        delay = 0 if twin is None else round(CONTROL_FREQUENCY * twin.arm.delay)
+        self._underway = [self.state[:, STATE["commanded"]].copy()] * delay
+        self._path, self._placed = [self._now()], [self._inside()]
+        self._ended = np.full(len(self.state), -1)
+        self._touched: dict[int, int | None] = {}
+
+    def step(self, actions: Float[np.ndarray, "n 2"]) -> None:
+        """Let a control step pass in those that are going on."""
+        going, moved = self.going, np.clip(np.asarray(actions, dtype=float), -MAX_STEP, MAX_STEP)
+        commanded = self.state[:, STATE["commanded"]].copy()
+        commanded[going] = self._leashed(np.clip(commanded + moved, *WORKSPACE))[going]
+        self._underway.append(commanded)
+        arrived, before = self._underway.pop(0), self._flange + TOOL_LENGTH * self._approach
+        if self._twin is None:
+            self._flange[going, :2] = arrived[going]
+        else:
+            points = np.column_stack([arrived, np.full(len(arrived), HEIGHT)])
+            reached = self._twin.kinematics.follow(self._joints, points[:, None])[:, 0]
+            self._joints = np.where(going[:, None], reached, self._joints)
+            self._flange, self._approach = self._twin.tool(self._joints)
+        self._push(before, self._flange + TOOL_LENGTH * self._approach)
+        self.state[:, STATE["effector"]] = self._flange[:, :2]
+        commanded[going] = self._leashed(commanded)[going]
+        self.state[:, STATE["commanded"]] = commanded
+        self._path.append(self._now())
+        self._placed.append(self._inside())
+        self._ended[self.going & self._both()] = len(self._path) - 1
+
+    def _leashed(self, command: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+        """Commands drawn towards the flange as far as the leash of a protected arm wants."""
+        if self._twin is None or not self._twin.arm.protected:
+            return command
+        ahead = command - self._flange[:, :2]
+        distance = np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), LEASH)
+        return self._flange[:, :2] + ahead * LEASH / distance
+
+    def _push(self, before: Float[np.ndarray, "n 3"], after: Float[np.ndarray, "n 3"]) -> None:
+        """Move the blocks by the way of the tool's end."""
+        blocks = np.stack([self.environment[:, SCENE[name]] for name in BLOCKS], 1)  # (n, 2, 3)
+        way = after[:, :2] - before[:, :2]
+        length = np.linalg.norm(way, axis=1)
+        off = np.linalg.norm(blocks[:, :, :2] - (before + after)[:, None, :2] / 2, axis=-1)  # (n, 2)
+        may = (length > 0) & (after[:, 2] < BLOCK_HEIGHT)
+        rows, which = np.nonzero((off < REACHES + length[:, None] / 2) & may[:, None])
+        if len(rows) == 0:
+            return
+        count = np.ceil(length[rows] / SUBSTEP).astype(int)
+        tool, step = before[rows, :2], way[rows] / count[:, None]
+        for k in range(count.max()):
+            left = count > k
+            rows, which, count, tool, step = rows[left], which[left], count[left], tool[left], step[left]
+            tool, pushed, touching = push(tool, blocks[rows, which], step)
+            blocks[rows, which] = pushed
+            between = blocks[rows, 1 - which, :2] - pushed[:, :2]
+            distance = np.maximum(np.linalg.norm(between, axis=1, keepdims=True), 1e-9)
+            blocks[rows, 1 - which, :2] += np.maximum(APART - distance, 0) * touching[:, None] * between / distance
+        blocks[:, :, 2] %= np.pi
+        for i, name in enumerate(BLOCKS):
+            self.environment[:, SCENE[name]] = blocks[:, i]
+
+    def _inside(self) -> Bool[np.ndarray, "n 2 2"]:
+        """Which block (row) is in which target (column)."""
+        blocks, targets = (
+            np.stack([self.environment[:, SCENE[name]][:, :2] for name in names], 1) for names in (BLOCKS, TARGETS)
+        )
+        return np.array([inside(*each) for each in zip(blocks, targets, strict=True)])
+
+    def _both(self) -> Bool[np.ndarray, " n"]:
+        return np.array([both_placed(now) for now in self._placed[-1]])
+
+    def _now(self) -> Float[np.ndarray, "n numbers"]:
+        """Flange, approach direction and joints."""
+        return np.hstack([self._flange, self._approach, self._joints])
+
+    @property
+    def going(self) -> Bool[np.ndarray, " n"]:
+        """Which have not placed both blocks yet."""
+        return self._ended < 0
+
+    def lengths(self) -> Float[np.ndarray, " n"]:
+        """Steps until both were placed; infinite for those that are still going."""
+        return np.where(self.going, np.inf, self._ended)
+
+    def _way(self, row: int) -> Float[np.ndarray, "steps numbers"]:
+        """What `_now` was from the beginning to the end."""
+        end = self._ended[row] if self._ended[row] >= 0 else len(self._path) - 1
+        return np.array([now[row] for now in self._path[: end + 1]])
+
+    def flange(self, row: int) -> tuple[Float[np.ndarray, "steps 3"], Float[np.ndarray, "steps 3"]]:
+        """Positions of the flange, in [m], and approach directions of a row, from the beginning to the end."""
+        way = self._way(row)
+        return way[:, :3], way[:, 3:6]
+
+    def is_free(self, row: int) -> bool:
+        """Whether the arm of a row touches neither itself nor table or obstacle on its way."""
+        return self._first_touch(row) is None
+
+    def achieved(self, row: int) -> tuple[int, int]:
+        """How many blocks were in targets of their own at most when the arm of a row first touches what stops it, or at
+        its end, and after how many steps that is."""
+        touched, last = self._first_touch(row), len(self._way(row)) - 1
+        end = last if touched is None else touched
+        placed = [now[row] for now in self._placed[: end + 1]]
+        return max(2 if both_placed(now) else int(now.any()) for now in placed), end
+
+    def _first_touch(self, row: int) -> int | None:
+        if row not in self._touched:
+            touch = None if self._twin is None else self._twin.touch
+            self._touched[row] = None if touch is None else touch.first(self._way(row)[:, 6:], self._obstacles)
+        return self._touched[row]

@@ -1,0 +1,162 @@
+"""What guidance may imagine with in block push: an arm where its inverse kinematics says, or a tool that goes where it
+is told, and blocks that slide as if pushed slowly.
+
+No simulator: neither dynamics nor contact, but what an arm would touch on its way is known.
+"""
+
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from envs import MAX_EPISODE_STEPS
+from envs.arm.obstacles import Places
+from envs.arm.placed_arm import PlacedArm
+from envs.block_push.controller import PushController
+from envs.block_push.imagined import BLOCKS, SCENE, STATE, TARGETS, ImaginedPushes, TwinOfArm
+from envs.block_push.oracle import NEXT_TO_BLOCK, PLANS, Oracle
+from envs.block_push.scene import Scene
+from envs.block_push.touch import ArmTouch
+from envs.block_push.workspace import HEIGHT
+from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE, PLACED
+from richmap.task_spaces.way import Way
+
+MOVED, TURNED = 0.004, 0.05
+"""By which blocks are slightly moved along each axis, in [m], and turned, in [rad]: the standard deviations."""
+DOWN = (0.0, 0.0, -1.0)
+
+
+class PushModel:
+    """Imagined episodes on an arm (`policies.episode_model.EpisodeModel`); without one the tool goes where it is told.
+
+    Args:
+        arm: The arm, as it stands.
+    """
+
+    steps = MAX_EPISODE_STEPS
+
+    def __init__(self, arm: PlacedArm | None) -> None:
+        self._arm = arm
+        self._obstacles: Places | None = None
+
+    def ideal(self) -> "PushModel":
+        """The same without an arm."""
+        return PushModel(None)
+
+    def among(self, obstacles: Places) -> "PushModel":
+        """The same among obstacles that stand there."""
+        model = PushModel(self._arm)
+        vars(model).update({"_controller": self._controller, "_twin": self._twin}, _obstacles=obstacles)
+        return model
+
+    @cached_property
+    def _controller(self) -> PushController | None:
+        return None if self._arm is None else PushController(self._arm)
+
+    @cached_property
+    def _twin(self) -> TwinOfArm | None:
+        return None if self._arm is None else TwinOfArm(self._arm, self._arm.kinematics(), ArmTouch(self._arm))
+
+    def start(self) -> Float[np.ndarray, " dof"]:
+        """Joint angles at the start of an episode, in [rad]; none without an arm."""
+        return np.empty(0) if self._controller is None else self._controller.start()
+
+    def opening(self, scene: Scene) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "12"]]:
+        """What is seen of a scene when an episode begins: the effector where the scene has it."""
+        state, environment = np.empty(STATE.width), np.empty(SCENE.width)
+        for name in ("effector", "commanded"):
+            state[STATE[name]] = scene.effector
+        for name in (*BLOCKS, *TARGETS):
+            environment[SCENE[name]] = getattr(scene, name)
+        for name in (*BLOCKS, *TARGETS):
+            environment[SCENE[name].stop - 1] %= np.pi
+        return state, environment
+
+    def track(self, joints: Float[np.ndarray, " dof"], state: Float[np.ndarray, "4"]) -> Float[np.ndarray, " dof"]:
+        """Where the joints are now, in [rad], by where the flange is seen and where they were a step ago."""
+        return joints if self._controller is None else self._controller.track(joints, state)
+
+    def begin(
+        self,
+        joints: Float[np.ndarray, "n dof"],
+        state: Float[np.ndarray, "n 4"],
+        environment: Float[np.ndarray, "n 12"],
+    ) -> ImaginedPushes:
+        """Episodes that go on from what is seen, a row each."""
+        return ImaginedPushes(self._twin, joints, state, environment, self._obstacles)
+
+    def showings(self, count: int) -> Bool[np.ndarray, "count 12"]:
+        """Nothing is hidden in the first half of plans, then the second push of each of the expert's plans in turn."""
+        hidden = np.zeros((count, SCENE.width), dtype=bool)
+        for i in range(count // 2, count):
+            hidden[i] = _later(*PLANS[i % len(PLANS)][1])
+        return hidden
+
+    def show(self, seen: Float[np.ndarray, "n t 12"], hidden: Bool[np.ndarray, "n 12"]) -> Float[np.ndarray, "n t 12"]:
+        """A hidden block is shown in the hidden target, until a block is placed."""
+        shown = seen.copy()
+        placed = [bool(_placed(each).any()) for each in seen[:, -1]]
+        for row in np.flatnonzero(hidden.any(1) & ~np.array(placed)):
+            block = next(SCENE[name] for name in BLOCKS if hidden[row, SCENE[name].start])
+            target = next(SCENE[name] for name in TARGETS if hidden[row, SCENE[name].start])
+            shown[row, :, block.start : block.start + 2] = seen[row, :, target.start : target.start + 2]
+        return shown
+
+    def ways(self, environment: Float[np.ndarray, "12"]) -> list[Way]:
+        """The scripted expert's four plans, each with the second push hidden; once a block is placed the push that is
+        left; none when both are."""
+        plans = [PLANS[mode] for mode in _modes(environment)]
+        if len(plans) < len(PLANS):
+            return [_way(environment, second, np.zeros(SCENE.width, dtype=bool)) for _, second in plans]
+        return [_way(environment, first, _later(*second)) for first, second in plans]
+
+    def shares(
+        self, joints: Float[np.ndarray, " dof"], environment: Float[np.ndarray, "12"], ways: list[Way], tries: int
+    ) -> Float[np.ndarray, " ways"]:
+        """Of the expert's episodes along each way from where the arm is the share of blocks that end in a target before
+        the arm is stopped."""
+        rng, count = np.random.default_rng(0), len(ways) * tries
+        scenes = np.tile(environment, (len(ways), tries, 1))
+        spread = np.concatenate([np.zeros((1, 2, 3)), rng.normal(0, [MOVED, MOVED, TURNED], (tries - 1, 2, 3))])
+        for i, name in enumerate(BLOCKS):
+            scenes[..., SCENE[name]] += spread[:, i]
+        at = self._twin.tool(joints[None])[0][0, :2] if self._twin else np.array([0.0, 0.0])
+        state = np.tile(np.concatenate([at, at]), (count, 1))
+        imagined = self.begin(np.tile(joints, (count, 1)), state, scenes.reshape(count, -1))
+        experts = [Oracle(mode) for mode in _modes(environment) for _ in range(tries)]
+        for _ in range(self.steps):
+            if not imagined.going.any():
+                break
+            seen = map(BLOCK_PUSH_SPACE.join, imagined.state, imagined.environment)
+            imagined.step(np.array([expert(each) for expert, each in zip(experts, seen, strict=True)]))
+        done = [imagined.achieved(row)[0] / 2 for row in range(count)]
+        return np.reshape(done, (len(ways), tries)).mean(1)
+
+
+def _placed(environment: Float[np.ndarray, "12"]) -> Bool[np.ndarray, "2 2"]:
+    """Which block (row) is as good as placed in which target (column)."""
+    blocks, targets = (np.array([environment[SCENE[name]][:2] for name in names]) for names in (BLOCKS, TARGETS))
+    return np.linalg.norm(blocks[:, None] - targets, axis=-1) < PLACED
+
+
+def _modes(environment: Float[np.ndarray, "12"]) -> list[int]:
+    """The scripted expert's plans that are left: all, or where a block is placed the one that began with it."""
+    placed = _placed(environment)
+    left = range(len(PLANS))
+    return [mode for mode in left if placed[PLANS[mode][0]]][:1] if placed.any() else [*left]
+
+
+def _later(block: int, target: int) -> Bool[np.ndarray, "12"]:
+    """What is hidden of a push that is left for later: where the block is, and where it is to be."""
+    hidden = np.zeros(SCENE.width, dtype=bool)
+    for name in (BLOCKS[block], TARGETS[target]):
+        hidden[SCENE[name].start : SCENE[name].start + 2] = True
+    return hidden
+
+
+def _way(environment: Float[np.ndarray, "12"], push: tuple[int, int], hidden: Bool[np.ndarray, "12"]) -> Way:
+    """The way whose next push is that of a block into a target."""
+    block, target = (environment[SCENE[names[i]]][:2] for names, i in zip((BLOCKS, TARGETS), push, strict=True))
+    heading = (target - block) / max(float(np.linalg.norm(target - block)), 1e-9)
+    end = np.array([[*(target - NEXT_TO_BLOCK * heading), HEIGHT]])
+    return Way((push[1],), in_order=True, hidden=hidden, positions=end, directions=np.array([DOWN]))
