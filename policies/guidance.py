@@ -10,8 +10,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 type Sample = Callable[[dict[str, Tensor], Tensor], Tensor]
-"""Chunks of the unguided policy for a batch of observations, `observation.state` and `observation.environment_state`,
-given the noise of each row."""
+"""Whole chunks of the unguided policy for a batch of observations, `observation.state` and
+`observation.environment_state`, given the noise of each row."""
 
 
 class Guidance(ABC):

@@ -60,10 +60,15 @@ class GuidedDiffusion(DiffusionModel):
         guidance: Guidance | None = None,
     ) -> Float[Tensor, "b n_action_steps action"]:
         """Sampled actions from the current step on; `noise` holds that of all samples, one after another."""
-        guidance = guidance or Unguided()
+        return self.generate_chunks(batch, noise, guidance or Unguided())[:, : self.config.n_action_steps]
+
+    def generate_chunks(
+        self, batch: dict[str, Any], noise: Float[Tensor, "b ..."] | None, guidance: Guidance
+    ) -> Float[Tensor, "b t action"]:
+        """The same with the actions that are not executed."""
         state, samples = batch[OBS_STATE][:, -1], guidance.samples
         if noise is not None:
-            noise = guidance.noise(batch, noise, lambda seen, drawn: self.generate_actions(seen, drawn))
+            noise = guidance.noise(batch, noise, lambda seen, drawn: self.generate_chunks(seen, drawn, Unguided()))
         batch = {**batch, OBS_ENV_STATE: guidance.imagine(batch[OBS_ENV_STATE], state)}
         condition = self._prepare_global_conditioning(batch).repeat_interleave(samples, dim=0)
         if noise is not None and samples > 1:
@@ -71,8 +76,7 @@ class GuidedDiffusion(DiffusionModel):
         states = state.repeat_interleave(samples, dim=0)
         actions = self.conditional_sample(len(condition), condition, noise=noise, guidance=guidance, state=states)
         chunks = (actions * self.units).unflatten(0, (-1, samples))
-        chunk = guidance.correct(guidance.choose(chunks, state), state)
-        return chunk[:, : self.config.n_action_steps]
+        return guidance.correct(guidance.choose(chunks, state), state)
 
     def draws(self, repeats: int) -> int:
         """Draws of noise for a chunk: the initial one, those of the steps if DDPM, then those of repeated steps."""

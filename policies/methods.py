@@ -409,6 +409,16 @@ METHODS = {
             follows=True,
         ),
         Method(
+            name="noise_by_tracking",
+            entry_point="policies.tracking_methods:noise_by_tracking",
+            text="noise sought instead of drawn: that of whose chunk the arm's controller leaves least",
+            field=None,
+            scale="number of noises tried, one after another",
+            first=2.0,
+            counts=True,
+            follows=True,
+        ),
+        Method(
             name="gpc_opt",
             entry_point="policies.tracking_methods:gpc_opt",
             text="GPC-OPT's rule: a chunk down the slope of what the arm's controller leaves",

@@ -28,3 +28,9 @@ def episode_noise(seeds: Sequence[int], steps: int | Sequence[int], shape: tuple
         for seed, step in zip(seeds, steps, strict=True)
     ]
     return torch.from_numpy(np.stack(rows))
+
+
+def further_noise(noise: Float[Tensor, " *chunk"], count: tuple[int, ...]) -> Float[Tensor, "..."]:
+    """Standard normal noise, so many of the same shape, which follow from what a row was given."""
+    seed = int(noise.flatten()[:2].clone().view(torch.int64).item()) % 2**63
+    return torch.randn((*count, *noise.shape), generator=torch.Generator().manual_seed(seed))

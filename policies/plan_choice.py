@@ -14,6 +14,7 @@ from torch import Tensor
 from policies.directional_methods import PoseCost, cost_of
 from policies.episode_model import EpisodeModel, Imagined
 from policies.guidance import Guidance, Sample
+from policies.noise import further_noise
 from policies.setup import Setup
 
 ASTRAY = 0.05
@@ -135,7 +136,8 @@ class PlanChoice(Guidance):
         now = row.joints, row.state, scenes[-1].double().cpu().numpy()
         imagined = row.model.begin(*(np.tile(each, (n, 1)) for each in now))
         states, scenes = (each.repeat(n, 1, 1) for each in (states, scenes))
-        draws, commanded = _drawn(noise, (n, left)), np.empty((n, left, self.commanded.stop - self.commanded.start))
+        draws = further_noise(noise, (n, left))
+        commanded = np.empty((n, left, self.commanded.stop - self.commanded.start))
         chosen, going = None, n
         for k in range(left):
             commanded[:, k] = imagined.state[:, self.commanded]
@@ -183,12 +185,6 @@ class PlanByMap(PlanChoice):
 def _followed(seen: Float[Tensor, "n t numbers"], values: Float[np.ndarray, "n numbers"]) -> Tensor:
     """What was seen lately once this is seen."""
     return torch.cat([seen[:, 1:], torch.as_tensor(values).to(seen)[:, None]], 1)
-
-
-def _drawn(noise: Float[Tensor, " *chunk"], count: tuple[int, ...]) -> Tensor:
-    """Further noise, which follows from what a row was given."""
-    seed = int(noise.flatten()[:2].clone().view(torch.int64).item()) % 2**63
-    return torch.randn((*count, *noise.shape), generator=torch.Generator().manual_seed(seed))
 
 
 def plan_on_arm(given: Setup) -> ShortestPlan:

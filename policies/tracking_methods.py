@@ -1,4 +1,4 @@
-"""Published rules of guidance by what the arm's own controller leaves of a chunk, and the methods made of them."""
+"""Guidance by what the arm's own controller leaves of a chunk: published rules, and noise that is sought."""
 
 from collections.abc import Callable, Sequence
 from typing import final
@@ -6,11 +6,13 @@ from typing import final
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
+from lerobot.utils.constants import OBS_STATE
 from torch import Tensor
 
 from policies.arm_controller import ArmController, ArmRows
 from policies.flange_path import FlangePath
-from policies.guidance import Guidance
+from policies.guidance import Guidance, Sample
+from policies.noise import further_noise
 from policies.setup import Setup
 
 STEPS = 25
@@ -18,6 +20,10 @@ STEPS = 25
 
 ENOUGH = 1e-4
 """A chunk of which the controller leaves no more is not refined further, in [m]."""
+
+
+NEARBY = 0.2
+"""By which the last noise that is tried is turned away from the best, in [rad]."""
 
 
 class TrackingCost:
@@ -156,6 +162,34 @@ class RefineByTracking(_Tracked):
         return chunk
 
 
+@final
+class NoiseByTracking(_Tracked):
+    """The noise of a chunk is sought instead of drawn: that of which the controller leaves least.
+
+    The drawn noise is the first try. Each further one turns the best so far towards a fresh draw, so that it is normal
+    noise as well (the preconditioned Crank-Nicolson walk; Cotter et al., Statistical Science 2013). It turns it by a
+    right angle at first, which is a draw of its own, and by `NEARBY` at last. Where the controller leaves next to
+    nothing, nothing further is tried.
+    """
+
+    def noise(self, batch: dict[str, Tensor], noise: Float[Tensor, "b ..."], sample: Sample) -> Tensor:
+        state, best, tries = batch[OBS_STATE][:, -1], noise, int(self.scale) - 1
+        cost = self._left(sample(batch, noise), state)
+        fresh = torch.stack([further_noise(each, (tries,)) for each in noise], 1).to(noise)
+        for angle, drawn in zip(np.linspace(np.pi / 2, NEARBY, tries), fresh, strict=True):
+            if (cost <= ENOUGH**2).all():
+                break
+            tried = np.cos(angle) * best + np.sin(angle) * drawn
+            left = self._left(sample(batch, tried), state)
+            better = (left < cost) & (cost > ENOUGH**2)
+            kept = torch.as_tensor(better, device=noise.device).reshape(-1, *[1] * (noise.dim() - 1))
+            best, cost = torch.where(kept, tried, best), np.where(better, left, cost)
+        return best
+
+    def _left(self, chunks: Float[Tensor, "b t action"], state: Float[Tensor, "b state"]) -> Float[np.ndarray, " b"]:
+        return self.cost.of(chunks[:, None], state)[:, 0]
+
+
 def eadp(given: Setup) -> ControllerDescent:
     """EADP's rule."""
     return ControllerDescent(_cost(given), given.scale)
@@ -169,6 +203,11 @@ def gpc_rank(given: Setup) -> RankByTracking:
 def gpc_opt(given: Setup) -> RefineByTracking:
     """GPC-OPT's rule."""
     return RefineByTracking(_cost(given), given.scale)
+
+
+def noise_by_tracking(given: Setup) -> NoiseByTracking:
+    """Noise that is sought."""
+    return NoiseByTracking(_cost(given), given.scale)
 
 
 def _cost(given: Setup) -> TrackingCost:

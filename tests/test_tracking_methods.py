@@ -19,7 +19,7 @@ REACH = 0.5
 DOWN = [0.0, 0.0, -1.0]
 SPACES = {"block_push": BLOCK_PUSH_SPACE, "press_buttons": PRESS_BUTTONS_SPACE}
 TASKS = {"block_push": BLOCK_PUSH, "press_buttons": PRESS_BUTTONS}
-NAMES = ["eadp", "gpc_rank", "gpc_opt"]
+NAMES = ["eadp", "gpc_rank", "gpc_opt", "noise_by_tracking"]
 
 
 class Sphere:
@@ -121,6 +121,36 @@ def test_a_descent_ends_in_each_row_where_next_to_nothing_is_left():
         alone.reset([row])
         torch.testing.assert_close(alone.correct(chunks, state)[row], refined[row])
     assert (guidance.cost.of(refined[:, None], state)[:, 0] <= ENOUGH**2).any()
+
+
+@pytest.mark.parametrize("task", SPACES)
+def test_noise_that_is_sought_leaves_less_and_is_noise_like_any(task):
+    """Of a policy whose chunks are its noise, and of rows that do not know each other."""
+    state = moment(task, rows=64)[0].float()
+    batch = {"observation.state": state[:, None]}
+    drawn = torch.randn(64, 1, 4, SPACES[task].action.width, generator=torch.Generator().manual_seed(0))
+
+    def sample(seen, noise):
+        return 0.05 * noise[:, 0] + 0.04
+
+    def left(guidance, noise):
+        return guidance.cost.of(sample(batch, noise)[:, None], state)[:, 0]
+
+    costs, sought = [], drawn
+    for tries in (1, 4, 32):
+        guidance = made("noise_by_tracking", float(tries), SPACES[task], Sphere())
+        guidance.reset(range(1, 64))
+        sought = guidance.noise(batch, drawn, sample)
+        costs.append(left(guidance, sought))
+        free = left(guidance, drawn) <= ENOUGH**2
+        assert torch.equal(sought[free], drawn[free]) and torch.equal(sought[0], drawn[0])
+    assert (costs[0] == left(guidance, drawn)).all()
+    assert (costs[1] <= costs[0]).all() and costs[2].sum() < 0.5 * costs[1].sum() < 0.5 * costs[0].sum()
+    assert 0.8 < sought.std() < 1.2
+    alone = {"observation.state": state[5:6, None]}
+    guidance = made("noise_by_tracking", 32.0, SPACES[task], Sphere())
+    guidance.reset([0])
+    torch.testing.assert_close(guidance.noise(alone, drawn[5:6], sample)[0], sought[5])
 
 
 def test_noisy_chunks_descend_by_the_share_that_is_clean():
