@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from envs.arm.feasibility import Feasibility, table_feasibility
+from envs.arm import feasibility
+from envs.arm.feasibility import Feasibility, kept_feasibility, table_feasibility
 from envs.arm.inverse_kinematics import MAX_TURN
 from envs.arm.placed_arm import start_posture
 from envs.block_push.arm import block_push_arm
@@ -158,3 +159,25 @@ def test_where_all_or_nothing_is_feasible_no_edge_is_near():
 def test_a_spacing_that_is_none_is_refused():
     with pytest.raises(ValueError, match="spacing must be above 0 and at most 0.55 m.*Got 0"):
         table_feasibility(block_push_arm("ur3"), 0.0, WORKSPACE, HEIGHT)
+
+
+def test_a_kept_table_is_the_one_that_was_found(tmp_path, monkeypatch):
+    """Found once, in one file; found again where that is damaged, for another arm, or where nothing can be written."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    arm, asked = block_push_arm("ur3"), (0.1, WORKSPACE, HEIGHT)
+    whole, found = table_feasibility(arm, *asked), []
+    monkeypatch.setattr(feasibility, "table_feasibility", lambda *given: found.append(given) or whole)
+    for _ in range(3):
+        kept = kept_feasibility(arm, *asked)
+        np.testing.assert_array_equal(kept.cause, whole.cause)
+        np.testing.assert_array_equal(np.r_[kept.x, kept.y], np.r_[whole.x, whole.y])
+        assert kept.rolls == whole.rolls and kept.arm == arm
+    assert len(found) == 1
+    (file,) = tmp_path.glob("richmap/tables/*.json")
+    for damaged in ("{", "[]", '{"rolls": false, "cause": ["012"]}', file.read_text().replace("1", "9")):
+        file.write_text(damaged)
+        np.testing.assert_array_equal(kept_feasibility(arm, *asked).cause, whole.cause)
+    kept_feasibility(replace(arm, tool_length=0.05), *asked)
+    assert len(found) == 6
+    monkeypatch.setenv("XDG_CACHE_HOME", "/proc/nowhere")
+    assert kept_feasibility(arm, *asked) is whole

@@ -1,8 +1,10 @@
 """Where on the table an arm can hold its tool upright in its branch, and what keeps it from elsewhere."""
 
+import json
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -12,9 +14,14 @@ from scipy.ndimage import distance_transform_edt
 from envs.arm.inverse_kinematics import InverseKinematics
 from envs.arm.placed_arm import PlacedArm
 from envs.arm.task_poses import FOUND
+from richmap.cache import cached, fingerprint
+from richmap.given_files import given_json
 from richmap.motion.collision import self_collision
 from richmap.motion.kinematics import joint_frames
+from richmap.outputs import CacheError, FileRefusedError, replacing
 
+VERSION = 1
+"""Raised where another table is found."""
 FIRST_RADIUS = 0.3
 """Distance from the base axis, in [m], at which the search begins in a branch that the arm's file states: it holds its
 tool upright there. In a found one it begins at the posture's own."""
@@ -72,6 +79,12 @@ class TableFeasibility:
         lower, upper = [self.x[0], self.y[0]], [self.x[-1], self.y[-1]]
         return ((points >= lower) & (points <= upper)).all(-1) & (self.clearance(points) > 0)
 
+    def save(self, path: Path) -> None:
+        """Write causes and whether the tool is rolled as JSON, a digit for each point."""
+        rows = ["".join(map(str, row)) for row in self.cause.tolist()]
+        with replacing(path) as file:
+            file.write_text(json.dumps({"rolls": self.rolls, "cause": rows}))
+
     @cached_property
     def _clearance(self) -> RegularGridInterpolator:
         feasible, spacing = self.feasible, self.x[1] - self.x[0]
@@ -81,6 +94,33 @@ class TableFeasibility:
         # The edge runs half way between neighbours, one of which is feasible.
         distance = np.where(feasible, inside - 0.5, 0.5 - outside) * spacing
         return RegularGridInterpolator((self.x, self.y), distance)
+
+
+def kept_feasibility(arm: PlacedArm, spacing: float, box: Float[np.ndarray, "2 2"], height: float) -> TableFeasibility:
+    """`table_feasibility`, from the user's cache once it was found: it takes seconds."""
+    asked = {"spacing": spacing, "box": box.tolist(), "height": height}
+    key = fingerprint(arm.numbers() | asked, VERSION)
+    x, y = _grid(spacing, box)
+
+    def load(file: Path) -> TableFeasibility:
+        try:
+            told = given_json(file)
+            cause = np.array([[*map(int, row)] for row in told["cause"]], dtype=int)
+            if cause.shape != (len(x), len(y)) or not np.isin(cause, [*Feasibility]).all():
+                raise ValueError("it is no table of this grid")
+            return TableFeasibility(arm, x, y, cause, bool(told["rolls"]))
+        except FileNotFoundError:
+            raise
+        except (ValueError, TypeError, KeyError) as error:
+            raise FileRefusedError(f"{file} is damaged: {error}") from error
+
+    def make() -> TableFeasibility:
+        return table_feasibility(arm, spacing, box, height)
+
+    try:
+        return cached(f"tables/{arm.robot}-{key[:16]}.json", load, make)[0]
+    except CacheError:
+        return make()
 
 
 def table_feasibility(arm: PlacedArm, spacing: float, box: Float[np.ndarray, "2 2"], height: float) -> TableFeasibility:
@@ -95,13 +135,18 @@ def table_feasibility(arm: PlacedArm, spacing: float, box: Float[np.ndarray, "2 
     Raises:
         ValueError: If the spacing is not above 0 or exceeds the box.
     """
+    x, y = _grid(spacing, box)
+    points = np.stack(np.meshgrid(x, y, indexing="ij"), -1)
+    cause, rolls = _feasibility(arm, points.reshape(-1, 2), height)
+    return TableFeasibility(arm, x, y, cause.reshape(points.shape[:2]), rolls)
+
+
+def _grid(spacing: float, box: Float[np.ndarray, "2 2"]) -> tuple[Float[np.ndarray, " nx"], Float[np.ndarray, " ny"]]:
     size = box[1] - box[0]
     if not 0 < spacing <= size.min():
         raise ValueError(f"spacing must be above 0 and at most {size.min():g} m, the box's shorter side. Got {spacing}")
     x, y = (np.linspace(low, high, 1 + int(np.ceil((high - low) / spacing - 1e-9))) for low, high in box.T)
-    points = np.stack(np.meshgrid(x, y, indexing="ij"), -1)
-    cause, rolls = _feasibility(arm, points.reshape(-1, 2), height)
-    return TableFeasibility(arm, x, y, cause.reshape(points.shape[:2]), rolls)
+    return x, y
 
 
 def feasibility(arm: PlacedArm, points: Float[np.ndarray, "n 2"], height: float) -> Int[np.ndarray, " n"]:

@@ -23,7 +23,7 @@ class PushController:
     """
 
     def __init__(self, arm: PlacedArm) -> None:
-        self._arm, self._kinematics = arm, arm.kinematics()
+        self.arm, self._kinematics = arm, arm.kinematics()
         self._start = start_posture(arm, self._kinematics, POSES.start)
         self.weight = arm.orientation_weight
 
@@ -46,14 +46,22 @@ class PushController:
         directions: Float[np.ndarray, "n t 3"],
     ) -> tuple[Float[np.ndarray, "n t 3"], Float[np.ndarray, "n t 3"]]:
         """Where the flange gets, in [m], and where the tool points, by commands one after another; all are down."""
-        reached = self._kinematics.follow(joints, places)
-        position, rotation = flange_frames(self._arm.description, reached.reshape(-1, joints.shape[1]))
-        c, s = np.cos(self._arm.yaw), np.sin(self._arm.yaw)
-        turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])  # Of row vectors.
-        got = position @ turn + self._arm.kinematic_base, rotation[:, :, 2] @ turn
+        got = self.tool(self._kinematics.follow(joints, places).reshape(-1, joints.shape[1]))
         return got[0].reshape(places.shape), got[1].reshape(places.shape)
+
+    def led(self, joints: Float[np.ndarray, "n dof"], places: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n dof"]:
+        """Joint angles, in [rad], a control step after the flange is told to go to places, xy in [m]."""
+        points = np.column_stack([places, np.full(len(places), HEIGHT)])
+        return self._kinematics.follow(joints, points[:, None])[:, 0]
+
+    def tool(self, joints: Float[np.ndarray, "n dof"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+        """Where the flange is, in [m], and where the tool points, with joint angles in [rad]."""
+        position, rotation = flange_frames(self.arm.description, joints)
+        c, s = np.cos(self.arm.yaw), np.sin(self.arm.yaw)
+        turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])  # Of row vectors.
+        return position @ turn + self.arm.kinematic_base, rotation[:, :, 2] @ turn
 
     def body(self, near: float) -> ArmBody:
         """The arm's body, to which obstacles at less than so many [m] are near."""
-        cuboids = first_of(CUBOIDS, self._arm.obstacles)
-        return ArmBody(self._arm, cuboids, near, ahead=0.0, rod=self._arm.tool_length, rolls_freely=False)
+        cuboids = first_of(CUBOIDS, self.arm.obstacles)
+        return ArmBody(self.arm, cuboids, near, ahead=0.0, rod=self.arm.tool_length, rolls_freely=False)

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Bool, Float
 
-from envs.arm.feasibility import TableFeasibility, table_feasibility
+from envs.arm.feasibility import TableFeasibility, kept_feasibility
 from envs.arm.obstacles import Places
 from envs.arm.placed_arm import PlacedArm
 from envs.block_push.obstacles import Among, surroundings
@@ -34,7 +34,7 @@ nearest to what the UR3, UR5 and UR10 can hold by their kinematics: 95 to 97 % o
 
 def held(arm: PlacedArm) -> TableFeasibility:
     """Where an arm can hold its tool in its branch, on the field's cells."""
-    return table_feasibility(arm, CELL_SIZE, np.array(BOX), HEIGHT)
+    return kept_feasibility(arm, CELL_SIZE, np.array(BOX), HEIGHT)
 
 
 def distance(table: TableFeasibility, about: dict[str, str]) -> SignedDistanceField:

@@ -7,14 +7,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from envs.arm.control import CONTROL_FREQUENCY
-from envs.arm.inverse_kinematics import InverseKinematics
 from envs.arm.obstacles import Places
-from envs.arm.placed_arm import TOOL_LENGTH, PlacedArm
+from envs.arm.placed_arm import TOOL_LENGTH
+from envs.block_push.controller import PushController
 from envs.block_push.pushing import PUSHER_RADIUS, push
 from envs.block_push.success import both_placed, inside
 from envs.block_push.touch import ArmTouch
 from envs.block_push.workspace import HEIGHT, LEASH, MAX_STEP, WORKSPACE
-from richmap.motion.kinematics import flange_frames
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
 STATE, SCENE = BLOCK_PUSH_SPACE.state, BLOCK_PUSH_SPACE.environment
@@ -29,19 +28,11 @@ BLOCK_HEIGHT = 0.04
 """A tool whose end is higher, in [m], passes over the blocks."""
 
 
-class TwinOfArm(NamedTuple):
-    """What an imagined arm is."""
+class Twin(NamedTuple):
+    """An arm that is imagined."""
 
-    arm: PlacedArm
-    kinematics: InverseKinematics
+    controller: PushController
     touch: ArmTouch
-
-    def tool(self, joints: Float[np.ndarray, "n dof"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-        """Where the flange is, in [m] in the world, and where the tool points, with joint angles in [rad]."""
-        position, rotation = flange_frames(self.arm.description, joints)
-        c, s = np.cos(self.arm.yaw), np.sin(self.arm.yaw)
-        turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])  # Of row vectors.
-        return position @ turn + self.arm.kinematic_base, rotation[:, :, 2] @ turn
 
 
 class ImaginedPushes:
@@ -62,7 +53,7 @@ class ImaginedPushes:
 
     def __init__(
         self,
-        twin: TwinOfArm | None,
+        twin: Twin | None,
         joints: Float[np.ndarray, "n dof"],
         state: Float[np.ndarray, "n 4"],
         environment: Float[np.ndarray, "n 12"],
@@ -76,8 +67,8 @@ class ImaginedPushes:
             self._flange = np.hstack([self.state[:, STATE["commanded"]], height])
             self._approach = np.broadcast_to(down, self._flange.shape).copy()
         else:
-            self._flange, self._approach = twin.tool(self._joints)
-        delay = 0 if twin is None else round(CONTROL_FREQUENCY * twin.arm.delay)
+            self._flange, self._approach = twin.controller.tool(self._joints)
+        delay = 0 if twin is None else round(CONTROL_FREQUENCY * twin.controller.arm.delay)
         self._underway = [self.state[:, STATE["commanded"]].copy()] * delay
         self._path, self._placed = [self._now()], [self._inside()]
         self._ended = np.full(len(self.state), -1)
@@ -93,10 +84,8 @@ class ImaginedPushes:
         if self._twin is None:
             self._flange[going, :2] = arrived[going]
         else:
-            points = np.column_stack([arrived, np.full(len(arrived), HEIGHT)])
-            reached = self._twin.kinematics.follow(self._joints, points[:, None])[:, 0]
-            self._joints = np.where(going[:, None], reached, self._joints)
-            self._flange, self._approach = self._twin.tool(self._joints)
+            self._joints[going] = self._twin.controller.led(self._joints[going], arrived[going])
+            self._flange, self._approach = self._twin.controller.tool(self._joints)
         self._push(before, self._flange + TOOL_LENGTH * self._approach)
         self.state[:, STATE["effector"]] = self._flange[:, :2]
         commanded[going] = self._leashed(commanded)[going]
@@ -107,7 +96,7 @@ class ImaginedPushes:
 
     def _leashed(self, command: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Commands drawn towards the flange as far as the leash of a protected arm wants."""
-        if self._twin is None or not self._twin.arm.protected:
+        if self._twin is None or not self._twin.controller.arm.protected:
             return command
         ahead = command - self._flange[:, :2]
         distance = np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), LEASH)

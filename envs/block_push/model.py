@@ -13,7 +13,7 @@ from envs import MAX_EPISODE_STEPS
 from envs.arm.obstacles import Places
 from envs.arm.placed_arm import PlacedArm
 from envs.block_push.controller import PushController
-from envs.block_push.imagined import BLOCKS, SCENE, STATE, TARGETS, ImaginedPushes, TwinOfArm
+from envs.block_push.imagined import BLOCKS, SCENE, STATE, TARGETS, ImaginedPushes, Twin
 from envs.block_push.oracle import NEXT_TO_BLOCK, PLANS, Oracle
 from envs.block_push.scene import Scene
 from envs.block_push.touch import ArmTouch
@@ -46,20 +46,16 @@ class PushModel:
     def among(self, obstacles: Places) -> "PushModel":
         """The same among obstacles that stand there."""
         model = PushModel(self._arm)
-        vars(model).update({"_controller": self._controller, "_twin": self._twin}, _obstacles=obstacles)
+        vars(model).update({"_twin": self._twin}, _obstacles=obstacles)
         return model
 
     @cached_property
-    def _controller(self) -> PushController | None:
-        return None if self._arm is None else PushController(self._arm)
-
-    @cached_property
-    def _twin(self) -> TwinOfArm | None:
-        return None if self._arm is None else TwinOfArm(self._arm, self._arm.kinematics(), ArmTouch(self._arm))
+    def _twin(self) -> Twin | None:
+        return None if self._arm is None else Twin(PushController(self._arm), ArmTouch(self._arm))
 
     def start(self) -> Float[np.ndarray, " dof"]:
         """Joint angles at the start of an episode, in [rad]; none without an arm."""
-        return np.empty(0) if self._controller is None else self._controller.start()
+        return np.empty(0) if self._twin is None else self._twin.controller.start()
 
     def opening(self, scene: Scene) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "12"]]:
         """What is seen of a scene when an episode begins: the effector where the scene has it."""
@@ -74,7 +70,7 @@ class PushModel:
 
     def track(self, joints: Float[np.ndarray, " dof"], state: Float[np.ndarray, "4"]) -> Float[np.ndarray, " dof"]:
         """Where the joints are now, in [rad], by where the flange is seen and where they were a step ago."""
-        return joints if self._controller is None else self._controller.track(joints, state)
+        return joints if self._twin is None else self._twin.controller.track(joints, state)
 
     def begin(
         self,
@@ -120,7 +116,7 @@ class PushModel:
         spread = np.concatenate([np.zeros((1, 2, 3)), rng.normal(0, [MOVED, MOVED, TURNED], (tries - 1, 2, 3))])
         for i, name in enumerate(BLOCKS):
             scenes[..., SCENE[name]] += spread[:, i]
-        at = self._twin.tool(joints[None])[0][0, :2] if self._twin else np.array([0.0, 0.0])
+        at = self._twin.controller.tool(joints[None])[0][0, :2] if self._twin else np.array([0.0, 0.0])
         state = np.tile(np.concatenate([at, at]), (count, 1))
         imagined = self.begin(np.tile(joints, (count, 1)), state, scenes.reshape(count, -1))
         experts = [Oracle(mode) for mode in _modes(environment) for _ in range(tries)]

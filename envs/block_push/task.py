@@ -34,11 +34,11 @@ def plain_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
 
 def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
     """The expert that goes only where the arm can hold its tool; it takes seconds to find where."""
-    from envs.arm.feasibility import table_feasibility
+    from envs.arm.feasibility import kept_feasibility
     from envs.block_push.aware_oracle import AwareOracle
     from envs.block_push.obstacles import Among
 
-    table = table_feasibility(arm, SPACING, WORKSPACE, HEIGHT)
+    table = kept_feasibility(arm, SPACING, WORKSPACE, HEIGHT)
     among = Among(arm, table) if arm.obstacles else None
     return lambda info: acting_on_dict(
         BLOCK_PUSH_SPACE, AwareOracle(among.table(info["obstacles"]) if among else table, info["mode"])

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from envs.arm.feasibility import TableFeasibility, table_feasibility
+from envs.arm.feasibility import TableFeasibility, kept_feasibility
 from envs.block_push.arm import block_push_arm
 from envs.block_push.aware_oracle import LOST_COMMAND
 from envs.block_push.aware_pusher import AwarePusher
@@ -134,5 +134,5 @@ def table_of(robot: str, base: tuple[float, float]) -> TableFeasibility:
     """
     for arm in (block_push_arm(robot, setting) for setting in ("embodied", "best")):
         if arm.base[:2] == base:
-            return table_feasibility(arm, SPACING, WORKSPACE, HEIGHT)
+            return kept_feasibility(arm, SPACING, WORKSPACE, HEIGHT)
     raise ValueError(f"No {robot} of the settings embodied and best stands at {base} m.")
