@@ -32,6 +32,9 @@ class Imagined(Protocol):
     def is_free(self, row: int) -> bool:
         """Whether nothing on its way stops it."""
 
+    def is_lost(self, row: int) -> bool:
+        """Whether something on its way so far stops it whatever comes."""
+
     def achieved(self, row: int) -> tuple[int, int]:
         """How many parts of the task are done when something stops it, or at its end, and after how many steps that
         is."""

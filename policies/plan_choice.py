@@ -150,6 +150,8 @@ class PlanChoice(Guidance):
                 chosen = self.best(imagined)
             if going == 0 or chosen is not None:
                 break
+            if self.takes_shortest and k % PAUSE == 0 and all(map(imagined.is_lost, np.flatnonzero(imagined.going))):
+                break
         if chosen is None:
             return None
         end = int(imagined.lengths()[chosen])

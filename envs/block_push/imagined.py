@@ -72,7 +72,8 @@ class ImaginedPushes:
         self._underway = [self.state[:, STATE["commanded"]].copy()] * delay
         self._path, self._placed = [self._now()], [self._inside()]
         self._ended = np.full(len(self.state), -1)
-        self._touched: dict[int, int | None] = {}
+        self._looked_at: dict[int, int] = {}
+        self._touched: dict[int, int] = {}
 
     def step(self, actions: Float[np.ndarray, "n 2"]) -> None:
         """Let a control step pass in those that are going on."""
@@ -163,6 +164,10 @@ class ImaginedPushes:
         """Whether the arm of a row touches neither itself nor table or obstacle on its way."""
         return self._first_touch(row) is None
 
+    def is_lost(self, row: int) -> bool:
+        """Whether it did so by now."""
+        return not self.is_free(row)
+
     def achieved(self, row: int) -> tuple[int, int]:
         """How many blocks were in targets of their own at most when the arm of a row first touches what stops it, or at
         its end, and after how many steps that is."""
@@ -172,7 +177,11 @@ class ImaginedPushes:
         return max(2 if both_placed(now) else int(now.any()) for now in placed), end
 
     def _first_touch(self, row: int) -> int | None:
-        if row not in self._touched:
-            touch = None if self._twin is None else self._twin.touch
-            self._touched[row] = None if touch is None else touch.first(self._way(row)[:, 6:], self._obstacles)
-        return self._touched[row]
+        """The number of the first configuration of a row that touches something; only what is new is looked at."""
+        way, seen = self._way(row), self._looked_at.get(row, 0)
+        if self._twin is not None and row not in self._touched and seen < len(way):
+            first = self._twin.touch.first(way[seen:, 6:], self._obstacles)
+            self._looked_at[row] = len(way)
+            if first is not None:
+                self._touched[row] = seen + first
+        return self._touched.get(row)

@@ -47,6 +47,8 @@ class ImaginedPresses:
         self._path, self._counts = [self._now()], [self._pressed.sum(1)]
         self._ended = np.full(len(joints), -1)
         self._free: dict[int, bool] = {}
+        self._looked_at: dict[int, int] = {}
+        self._stops: dict[int, int] = {}
 
     def step(self, actions: Float[np.ndarray, "n 6"]) -> None:
         """Let a control step pass in those that are going on."""
@@ -95,15 +97,27 @@ class ImaginedPresses:
             self._free[row] = self._twin is None or self._is_free(self._twin, row)
         return self._free[row]
 
+    def is_lost(self, row: int) -> bool:
+        """Whether its arm has touched by now what stops it. The rod may touch any button."""
+        return self._stopped(row) is not None
+
     def achieved(self, row: int) -> tuple[int, int]:
         """How many buttons are pressed in a row when its arm first touches what stops it, or at its end, and after how
         many steps that is. The rod may touch any button, as in the environment."""
-        way, end = self._way(row), None
-        if self._twin is not None:
-            of_all = self._places[row], self._normals[row], way[:, 6:], tuple(range(BUTTONS)), self._obstacles
-            end = self._twin.first_touch(*of_all)
-        end = len(way) - 1 if end is None else end
+        end = self._stopped(row)
+        end = len(self._way(row)) - 1 if end is None else end
         return int(self._counts[end][row]), end
+
+    def _stopped(self, row: int) -> int | None:
+        """The number of the first configuration that stops a row's arm; only what is new is looked at."""
+        way, seen = self._way(row)[:, 6:], self._looked_at.get(row, 0)
+        if self._twin is not None and row not in self._stops and seen < len(way):
+            scene, buttons = (self._places[row], self._normals[row]), tuple(range(BUTTONS))
+            first = self._twin.first_touch(*scene, way[seen:], buttons, self._obstacles)
+            self._looked_at[row] = len(way)
+            if first is not None:
+                self._stops[row] = seen + first
+        return self._stops.get(row)
 
     def _is_free(self, twin: KinematicTwin, row: int) -> bool:
         pressed = tuple(np.flatnonzero(self._pressed[row]).tolist())
