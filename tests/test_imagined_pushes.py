@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from envs.block_push.arm import block_push_arm
+from envs.block_push.imagined import MARGIN
 from envs.block_push.model import PushModel
 from envs.block_push.oracle import PLANS, Oracle
 from envs.block_push.scene import draw_scene
@@ -112,17 +113,38 @@ def test_what_is_left_for_later_is_shown_in_its_target_until_a_block_is_placed(a
     assert not left.hidden.any() and left.goals == (1,)
 
 
+def test_a_plan_keeps_inside_of_where_the_arm_can_hold_its_tool_but_may_come_in(arm):
+    """A straight way to the border and back, which nothing touches: free until it is too near."""
+    model = PushModel(arm)
+    state, environment = model.opening(draw_scene(52_000))
+    environment[ENVIRONMENT["block"]], environment[ENVIRONMENT["block2"]] = (0.2, 0.4, 0.0), (0.2, 0.45, 0.0)
+    table = model._twin.table
+    episode = model.begin(model.start()[None], state[None], environment[None])
+    inside = [table.clearance(state[:2])]
+    while inside[-1] > MARGIN:
+        assert episode.is_free(0)
+        episode.step(np.array([[0.01, 0.0]]))
+        inside.append(table.clearance(episode.flange(0)[0][-1, :2]))
+    assert len(inside) > 5 and not episode.is_free(0) and episode.is_lost(0)
+    assert episode._first_touch(0) is None
+    at = episode.flange(0)[0][-1, :2]
+    joints = episode._joints.copy()
+    state[:] = np.tile(at, 2)
+    back = model.begin(joints, state[None], environment[None])
+    for _ in range(5):
+        back.step(np.array([[-0.01, 0.0]]))
+    assert back.is_free(0)
+
+
 def test_of_several_plans_one_that_the_arm_can_carry_out_is_chosen(arm):
-    """The policy is the expert with a plan that the noise says: of four, one or two are free on this arm."""
+    """The policy is the expert with a plan that the noise says, and of four this arm can do one as the scene is."""
     model = PushModel(arm)
 
     def able(scene):
         episodes = imagined(model, [scene] * 4, range(4))
-        return {mode for mode in range(4) if episodes.achieved(mode)[0] == 2}
+        return {mode for mode in range(4) if episodes.is_free(mode) and np.isfinite(episodes.lengths()[mode])}
 
-    scene, free = next(
-        (scene, able(scene)) for scene in map(draw_scene, range(52_000, 52_040)) if len(able(scene)) in (1, 2)
-    )
+    scene = next(each for each in map(draw_scene, range(52_000, 52_040)) if len(able(each)) in (1, 2))
 
     def mode_of(noise):
         return int(1e6 * abs(float(noise.flatten()[0]))) % 4
@@ -144,7 +166,14 @@ def test_of_several_plans_one_that_the_arm_can_carry_out_is_chosen(arm):
         batch[name][1] = torch.as_tensor(values)
     drawn = torch.randn(2, 1, 4, 2, generator=torch.Generator().manual_seed(0))
     noise = chosen.noise(batch, drawn, sample)
-    assert torch.equal(noise[0], drawn[0]) and mode_of(noise[1]) in free
+    assert torch.equal(noise[0], drawn[0]) and not torch.equal(noise[1], drawn[1])
+    plan, expert = chosen._rows[1].plan, Oracle(mode_of(noise[1]))
+    state, environment = (each[None] for each in model.opening(scene))
+    again = model.begin(model.start()[None], state, environment)
+    for _ in plan.noise:
+        shown = model.show(again.environment[:, None], plan.hidden[None])[0, 0]
+        again.step(expert(BLOCK_PUSH_SPACE.join(again.state[0], shown))[None])
+    assert again.lengths()[0] == len(plan.noise) and again.is_free(0)
     for before, after in zip(lately, lately[1:], strict=False):  # What is imagined is also what was seen before.
         assert torch.equal(before[STATE][:, 1:], after[STATE][:, :2])
         assert before[SCENE].shape == (16, 3, 12)

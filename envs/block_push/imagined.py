@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from envs.arm.control import CONTROL_FREQUENCY
+from envs.arm.feasibility import TableFeasibility
 from envs.arm.obstacles import Places
 from envs.arm.placed_arm import TOOL_LENGTH
 from envs.block_push.controller import PushController
@@ -24,6 +25,8 @@ REACHES = 0.0283 + PUSHER_RADIUS
 """Farthest from a block's centre that a pusher touches it, in [m]: half a diagonal more than its radius."""
 APART = 0.045
 """Two blocks that come nearer than this, in [m], push each other: as far as two discs of their area."""
+MARGIN = 0.01
+"""How far inside of where the arm can hold its tool an imagined one is to stay, in [m]: a real one strays from it."""
 BLOCK_HEIGHT = 0.04
 """A tool whose end is higher, in [m], passes over the blocks."""
 
@@ -33,6 +36,8 @@ class Twin(NamedTuple):
 
     controller: PushController
     touch: ArmTouch
+    table: TableFeasibility
+    """Where it can hold its tool, without obstacles."""
 
 
 class ImaginedPushes:
@@ -161,8 +166,14 @@ class ImaginedPushes:
         return way[:, :3], way[:, 3:6]
 
     def is_free(self, row: int) -> bool:
-        """Whether the arm of a row touches neither itself nor table or obstacle on its way."""
-        return self._first_touch(row) is None
+        """Whether the arm of a row touches neither itself nor table or obstacle on its way, and comes no nearer than
+        `MARGIN` to the border of where it can hold its tool, but to lead away from there."""
+        if self._first_touch(row) is not None:
+            return False
+        if self._twin is None:
+            return True
+        inside = self._twin.table.clearance(self._way(row)[:, :2])
+        return bool((inside >= np.minimum(MARGIN, np.maximum.accumulate(inside))).all())
 
     def is_lost(self, row: int) -> bool:
         """Whether it did so by now."""

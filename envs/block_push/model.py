@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from envs import MAX_EPISODE_STEPS
+from envs.arm.feasibility import kept_feasibility
 from envs.arm.obstacles import Places
 from envs.arm.placed_arm import PlacedArm
 from envs.block_push.controller import PushController
@@ -17,7 +18,7 @@ from envs.block_push.imagined import BLOCKS, SCENE, STATE, TARGETS, ImaginedPush
 from envs.block_push.oracle import NEXT_TO_BLOCK, PLANS, Oracle
 from envs.block_push.scene import Scene
 from envs.block_push.touch import ArmTouch
-from envs.block_push.workspace import HEIGHT
+from envs.block_push.workspace import HEIGHT, SPACING, WORKSPACE
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE, PLACED
 from richmap.task_spaces.way import Way
 
@@ -51,7 +52,10 @@ class PushModel:
 
     @cached_property
     def _twin(self) -> Twin | None:
-        return None if self._arm is None else Twin(PushController(self._arm), ArmTouch(self._arm))
+        if self._arm is None:
+            return None
+        table = kept_feasibility(self._arm, SPACING, WORKSPACE, HEIGHT)
+        return Twin(PushController(self._arm), ArmTouch(self._arm), table)
 
     def start(self) -> Float[np.ndarray, " dof"]:
         """Joint angles at the start of an episode, in [rad]; none without an arm."""

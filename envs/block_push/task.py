@@ -11,13 +11,10 @@ from envs.arm.control import CONTROL_FREQUENCY
 from envs.block_push.failure import CAUSES
 from envs.block_push.outcome import EpisodeOutcome, summarize
 from envs.block_push.scene import draw_scene
-from envs.block_push.workspace import DESCRIPTION, HEIGHT, POSES, WORKSPACE
+from envs.block_push.workspace import DESCRIPTION, HEIGHT, POSES, SPACING, WORKSPACE
 from envs.demonstrator import Demonstrator, EpisodeRequest, Step
 from envs.task import Change, Controller, Score, Task, Trait, acting_on_dict, make_environment
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
-
-SPACING = 0.01
-"""Of the grid on which the oracle that knows its arm has where that can hold its tool, in [m]."""
 
 
 def make(arm: Any, render_mode: str | None = None, picture: tuple[int, int] | None = None) -> gymnasium.Env:

@@ -14,6 +14,8 @@ LEASH = 0.08
 """Farthest that the command is ahead of the flange, in [m], where an arm is protected: so no error winds up."""
 HEIGHT = BLOCK_PUSH_SPACE.steps.position[2]
 """Of the flange above the table, in [m]."""
+SPACING = 0.01
+"""Of the grid on which it is known where an arm can hold its tool, in [m]."""
 POSES = TaskPoses((*START, HEIGHT), (0.2, -0.43), (0.6, 0.28))
 """What is asked of an arm: the start, and from there wherever blocks and targets may be."""
 CUBOIDS = (Cuboid((0.02, 0.02, 0.06)), Cuboid((0.03, 0.03, 0.03), (0.15, 0.35)))
