@@ -20,6 +20,8 @@ from policies.setup import Setup
 ASTRAY = 0.05
 """A plan is given up where the command is so far from the imagined one: the length of the difference of their numbers,
 in [m] for places."""
+LOOK = 10
+"""Steps after which imagined episodes are looked at: where all are lost, no more is imagined."""
 PAUSE = 10
 """Steps after which plans are drawn again where none did the task."""
 
@@ -150,8 +152,9 @@ class PlanChoice(Guidance):
                 chosen = self.best(imagined)
             if going == 0 or chosen is not None:
                 break
-            if self.takes_shortest and k % PAUSE == 0 and all(map(imagined.is_lost, np.flatnonzero(imagined.going))):
-                break
+            if self.takes_shortest and k % LOOK == 0:
+                if all(imagined.is_lost(row) for row in np.flatnonzero(imagined.going).tolist()):
+                    break
         if chosen is None:
             return None
         end = int(imagined.lengths()[chosen])

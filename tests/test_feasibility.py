@@ -181,3 +181,12 @@ def test_a_kept_table_is_the_one_that_was_found(tmp_path, monkeypatch):
     assert len(found) == 6
     monkeypatch.setenv("XDG_CACHE_HOME", "/proc/nowhere")
     assert kept_feasibility(arm, *asked) is whole
+
+
+def test_the_version_of_kept_tables_is_that_of_what_is_found():
+    """Where another table is found, raise `VERSION` in envs/arm/feasibility.py, and write down the new one here."""
+    table = table_feasibility(block_push_arm("ur3"), 0.1, WORKSPACE, HEIGHT)
+    assert (feasibility.VERSION, ["".join(map(str, row)) for row in table.cause.tolist()]) == (
+        1,
+        ["00001110000", "10000000001", "10000000001", "11000000011", "11110001111", "11111111111", "11111111111"],
+    )

@@ -14,7 +14,7 @@ from scipy.ndimage import distance_transform_edt
 from envs.arm.inverse_kinematics import InverseKinematics
 from envs.arm.placed_arm import PlacedArm
 from envs.arm.task_poses import FOUND
-from richmap.cache import cached, fingerprint
+from richmap.cache import cached, fingerprint, package_versions
 from richmap.given_files import given_json
 from richmap.motion.collision import self_collision
 from richmap.motion.kinematics import joint_frames
@@ -98,7 +98,7 @@ class TableFeasibility:
 
 def kept_feasibility(arm: PlacedArm, spacing: float, box: Float[np.ndarray, "2 2"], height: float) -> TableFeasibility:
     """`table_feasibility`, from the user's cache once it was found: it takes seconds."""
-    asked = {"spacing": spacing, "box": box.tolist(), "height": height}
+    asked = {"spacing": spacing, "box": box.tolist(), "height": height, "solved_by": package_versions("mujoco")}
     key = fingerprint(arm.numbers() | asked, VERSION)
     x, y = _grid(spacing, box)
 

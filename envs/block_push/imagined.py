@@ -1,20 +1,20 @@
 """Episodes that are imagined side by side: an arm where its inverse kinematics says, and blocks that slide as if pushed
 slowly."""
 
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from envs.arm.control import CONTROL_FREQUENCY
-from envs.arm.feasibility import TableFeasibility
+from envs.arm.feasibility import TableFeasibility, kept_feasibility
 from envs.arm.obstacles import Places
-from envs.arm.placed_arm import TOOL_LENGTH
+from envs.arm.placed_arm import TOOL_LENGTH, PlacedArm
 from envs.block_push.controller import PushController
 from envs.block_push.pushing import PUSHER_RADIUS, push
 from envs.block_push.success import both_placed, inside
 from envs.block_push.touch import ArmTouch
-from envs.block_push.workspace import HEIGHT, LEASH, MAX_STEP, WORKSPACE
+from envs.block_push.workspace import HEIGHT, LEASH, MAX_STEP, SPACING, WORKSPACE
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
 STATE, SCENE = BLOCK_PUSH_SPACE.state, BLOCK_PUSH_SPACE.environment
@@ -27,17 +27,26 @@ APART = 0.045
 """Two blocks that come nearer than this, in [m], push each other: as far as two discs of their area."""
 MARGIN = 0.01
 """How far inside of where the arm can hold its tool an imagined one is to stay, in [m]: a real one strays from it."""
+SLACK = 0.002
+"""By which it may fall short of that, in [m]."""
 BLOCK_HEIGHT = 0.04
 """A tool whose end is higher, in [m], passes over the blocks."""
 
 
-class Twin(NamedTuple):
-    """An arm that is imagined."""
+class Twin:
+    """An arm that is imagined.
 
-    controller: PushController
-    touch: ArmTouch
-    table: TableFeasibility
-    """Where it can hold its tool, without obstacles."""
+    Args:
+        arm: The arm, as it stands.
+    """
+
+    def __init__(self, arm: PlacedArm) -> None:
+        self.arm, self.controller, self.touch = arm, PushController(arm), ArmTouch(arm)
+
+    @cached_property
+    def table(self) -> TableFeasibility:
+        """Where it can hold its tool, without obstacles."""
+        return kept_feasibility(self.arm, SPACING, WORKSPACE, HEIGHT)
 
 
 class ImaginedPushes:
@@ -73,7 +82,7 @@ class ImaginedPushes:
             self._approach = np.broadcast_to(down, self._flange.shape).copy()
         else:
             self._flange, self._approach = twin.controller.tool(self._joints)
-        delay = 0 if twin is None else round(CONTROL_FREQUENCY * twin.controller.arm.delay)
+        delay = 0 if twin is None else round(CONTROL_FREQUENCY * twin.arm.delay)
         self._underway = [self.state[:, STATE["commanded"]].copy()] * delay
         self._path, self._placed = [self._now()], [self._inside()]
         self._ended = np.full(len(self.state), -1)
@@ -85,7 +94,7 @@ class ImaginedPushes:
         going, moved = self.going, np.clip(np.asarray(actions, dtype=float), -MAX_STEP, MAX_STEP)
         commanded = self.state[:, STATE["commanded"]].copy()
         commanded[going] = self._leashed(np.clip(commanded + moved, *WORKSPACE))[going]
-        self._underway.append(commanded)
+        self._underway.append(commanded.copy())
         arrived, before = self._underway.pop(0), self._flange + TOOL_LENGTH * self._approach
         if self._twin is None:
             self._flange[going, :2] = arrived[going]
@@ -102,7 +111,7 @@ class ImaginedPushes:
 
     def _leashed(self, command: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Commands drawn towards the flange as far as the leash of a protected arm wants."""
-        if self._twin is None or not self._twin.controller.arm.protected:
+        if self._twin is None or not self._twin.arm.protected:
             return command
         ahead = command - self._flange[:, :2]
         distance = np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), LEASH)
@@ -118,7 +127,7 @@ class ImaginedPushes:
         rows, which = np.nonzero((off < REACHES + length[:, None] / 2) & may[:, None])
         if len(rows) == 0:
             return
-        count = np.ceil(length[rows] / SUBSTEP).astype(int)
+        near, count = (rows, which), np.ceil(length[rows] / SUBSTEP).astype(int)
         tool, step = before[rows, :2], way[rows] / count[:, None]
         for k in range(count.max()):
             left = count > k
@@ -128,7 +137,7 @@ class ImaginedPushes:
             between = blocks[rows, 1 - which, :2] - pushed[:, :2]
             distance = np.maximum(np.linalg.norm(between, axis=1, keepdims=True), 1e-9)
             blocks[rows, 1 - which, :2] += np.maximum(APART - distance, 0) * touching[:, None] * between / distance
-        blocks[:, :, 2] %= np.pi
+        blocks[*near, 2] %= np.pi
         for i, name in enumerate(BLOCKS):
             self.environment[:, SCENE[name]] = blocks[:, i]
 
@@ -167,13 +176,13 @@ class ImaginedPushes:
 
     def is_free(self, row: int) -> bool:
         """Whether the arm of a row touches neither itself nor table or obstacle on its way, and comes no nearer than
-        `MARGIN` to the border of where it can hold its tool, but to lead away from there."""
+        `MARGIN` to the border of where it can hold its tool, or than where it begins."""
         if self._first_touch(row) is not None:
             return False
         if self._twin is None:
             return True
         inside = self._twin.table.clearance(self._way(row)[:, :2])
-        return bool((inside >= np.minimum(MARGIN, np.maximum.accumulate(inside))).all())
+        return bool((inside >= min(MARGIN, inside[0]) - SLACK).all())
 
     def is_lost(self, row: int) -> bool:
         """Whether it did so by now."""

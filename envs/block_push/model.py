@@ -10,16 +10,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from envs import MAX_EPISODE_STEPS
-from envs.arm.feasibility import kept_feasibility
 from envs.arm.obstacles import Places
 from envs.arm.placed_arm import PlacedArm
-from envs.block_push.controller import PushController
 from envs.block_push.imagined import BLOCKS, SCENE, STATE, TARGETS, ImaginedPushes, Twin
 from envs.block_push.oracle import NEXT_TO_BLOCK, PLANS, Oracle
 from envs.block_push.scene import Scene
-from envs.block_push.touch import ArmTouch
-from envs.block_push.workspace import HEIGHT, SPACING, WORKSPACE
-from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE, PLACED
+from envs.block_push.workspace import HEIGHT
+from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE, PLACED, START
 from richmap.task_spaces.way import Way
 
 MOVED, TURNED = 0.004, 0.05
@@ -52,10 +49,7 @@ class PushModel:
 
     @cached_property
     def _twin(self) -> Twin | None:
-        if self._arm is None:
-            return None
-        table = kept_feasibility(self._arm, SPACING, WORKSPACE, HEIGHT)
-        return Twin(PushController(self._arm), ArmTouch(self._arm), table)
+        return None if self._arm is None else Twin(self._arm)
 
     def start(self) -> Float[np.ndarray, " dof"]:
         """Joint angles at the start of an episode, in [rad]; none without an arm."""
@@ -67,9 +61,8 @@ class PushModel:
         for name in ("effector", "commanded"):
             state[STATE[name]] = scene.effector
         for name in (*BLOCKS, *TARGETS):
-            environment[SCENE[name]] = getattr(scene, name)
-        for name in (*BLOCKS, *TARGETS):
-            environment[SCENE[name].stop - 1] %= np.pi
+            x, y, yaw = getattr(scene, name)
+            environment[SCENE[name]] = x, y, yaw % np.pi
         return state, environment
 
     def track(self, joints: Float[np.ndarray, " dof"], state: Float[np.ndarray, "4"]) -> Float[np.ndarray, " dof"]:
@@ -105,25 +98,28 @@ class PushModel:
     def ways(self, environment: Float[np.ndarray, "12"]) -> list[Way]:
         """The scripted expert's four plans, each with the second push hidden; once a block is placed the push that is
         left; none when both are."""
-        plans = [PLANS[mode] for mode in _modes(environment)]
-        if len(plans) < len(PLANS):
-            return [_way(environment, second, np.zeros(SCENE.width, dtype=bool)) for _, second in plans]
-        return [_way(environment, first, _later(*second)) for first, second in plans]
+        placed = _placed(environment)
+        if not placed.any():
+            return [_way(environment, first, _later(*second)) for first, second in PLANS]
+        left = [second for first, second in PLANS if placed[first] and not placed[second]]
+        return [_way(environment, push, np.zeros(SCENE.width, dtype=bool)) for push in left[:1]]
 
     def shares(
         self, joints: Float[np.ndarray, " dof"], environment: Float[np.ndarray, "12"], ways: list[Way], tries: int
     ) -> Float[np.ndarray, " ways"]:
         """Of the expert's episodes along each way from where the arm is the share of blocks that end in a target before
-        the arm is stopped."""
+        the arm is stopped; 1 without an arm."""
+        if self._twin is None:
+            return np.ones(len(ways))
         rng, count = np.random.default_rng(0), len(ways) * tries
         scenes = np.tile(environment, (len(ways), tries, 1))
         spread = np.concatenate([np.zeros((1, 2, 3)), rng.normal(0, [MOVED, MOVED, TURNED], (tries - 1, 2, 3))])
         for i, name in enumerate(BLOCKS):
             scenes[..., SCENE[name]] += spread[:, i]
-        at = self._twin.controller.tool(joints[None])[0][0, :2] if self._twin else np.array([0.0, 0.0])
+        at = self._twin.controller.tool(joints[None])[0][0, :2]
         state = np.tile(np.concatenate([at, at]), (count, 1))
         imagined = self.begin(np.tile(joints, (count, 1)), state, scenes.reshape(count, -1))
-        experts = [Oracle(mode) for mode in _modes(environment) for _ in range(tries)]
+        experts = [Oracle(_mode(way), np.array(START)) for way in ways for _ in range(tries)]
         for _ in range(self.steps):
             if not imagined.going.any():
                 break
@@ -139,11 +135,10 @@ def _placed(environment: Float[np.ndarray, "12"]) -> Bool[np.ndarray, "2 2"]:
     return np.linalg.norm(blocks[:, None] - targets, axis=-1) < PLACED
 
 
-def _modes(environment: Float[np.ndarray, "12"]) -> list[int]:
-    """The scripted expert's plans that are left: all, or where a block is placed the one that began with it."""
-    placed = _placed(environment)
-    left = range(len(PLANS))
-    return [mode for mode in left if placed[PLANS[mode][0]]][:1] if placed.any() else [*left]
+def _mode(way: Way) -> int:
+    """The expert's plan that a way is: its next push is the plan's first, or its second if that alone is left."""
+    (goal,), which = way.goals, 0 if way.hidden.any() else 1
+    return next(mode for mode, plan in enumerate(PLANS) if plan[which] == divmod(goal, 2))
 
 
 def _later(block: int, target: int) -> Bool[np.ndarray, "12"]:
@@ -159,4 +154,4 @@ def _way(environment: Float[np.ndarray, "12"], push: tuple[int, int], hidden: Bo
     block, target = (environment[SCENE[names[i]]][:2] for names, i in zip((BLOCKS, TARGETS), push, strict=True))
     heading = (target - block) / max(float(np.linalg.norm(target - block)), 1e-9)
     end = np.array([[*(target - NEXT_TO_BLOCK * heading), HEIGHT]])
-    return Way((push[1],), in_order=True, hidden=hidden, positions=end, directions=np.array([DOWN]))
+    return Way((2 * push[0] + push[1],), in_order=True, hidden=hidden, positions=end, directions=np.array([DOWN]))

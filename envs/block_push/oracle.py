@@ -34,10 +34,12 @@ class Oracle:
     Phases: `pre_block` (go to the point behind the block), `block` (up to it), `push`; `orient_left` and
     `orient_right` (turn the block by pushing along a circle about it, when it does not face its target), then
     again `pre_block`; after the first block `return` (to the first point behind the first block) and
-    `origin`. `pair` is the block and the target that it works on, `goal` the point it goes to, in [m].
+    `origin` (to where it began, or to what it is given, xy in [m]). `pair` is the block and the target that it works
+    on, `goal` the point it goes to, in [m].
     """
 
-    def __init__(self, mode: int) -> None:
+    def __init__(self, mode: int, origin: Float[np.ndarray, "2"] | None = None) -> None:
+        self._home = origin
         self.reset(mode)
 
     def reset(self, mode: int) -> None:
@@ -46,7 +48,7 @@ class Oracle:
         self.phase = "pre_block"
         self.pair = self.plan[0]
         self.goal: np.ndarray | None = None
-        self._origin: np.ndarray | None = None
+        self._origin = self._home
         self._first_pre_block: np.ndarray | None = None
 
     def __call__(self, observation: Float[np.ndarray, "16"]) -> Float[np.ndarray, "2"]:
