@@ -147,12 +147,12 @@ def test_order_of_tasks_and_rows_changes_nothing():
 
 
 def test_of_two_tasks_a_scale_is_chosen_for_each_in_which_the_method_acts():
-    config = ChooseScalesConfig(suite="all-v1", methods=["paper", "reorder", "way_on_arm"])
+    config = ChooseScalesConfig(suite="all-v1", methods=["paper", "reorder", "way_through_map"])
     tasks = {name: [part.task for part in config.runs(name)] for name in config.methods}
     assert tasks == {
         "paper": ["block_push", "press_buttons"],
         "reorder": ["block_push"],
-        "way_on_arm": ["press_buttons"],
+        "way_through_map": ["press_buttons"],
     }
     conditions = suite_conditions("all-v1")
     for part in config.runs("paper"):
