@@ -126,7 +126,7 @@ def test_a_plan_keeps_inside_of_where_the_arm_can_hold_its_tool_but_may_come_in(
         episode.step(np.array([[0.01, 0.0]]))
         inside.append(table.clearance(episode.flange(0)[0][-1, :2]))
     assert len(inside) > 5 and not episode.is_free(0) and episode.is_lost(0)
-    assert episode._first_touch(0) is None
+    assert episode._stopped(0) is None
     at = episode.flange(0)[0][-1, :2]
     joints = episode._joints.copy()
     state[:] = np.tile(at, 2)

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 
 from envs.arm.control import CONTROL_FREQUENCY
 from envs.arm.feasibility import TableFeasibility, kept_feasibility
+from envs.arm.imagined_path import ImaginedPaths
 from envs.arm.obstacles import Places
 from envs.arm.placed_arm import TOOL_LENGTH, PlacedArm
 from envs.block_push.controller import PushController
@@ -49,7 +50,7 @@ class Twin:
         return kept_feasibility(self.arm, SPACING, WORKSPACE, HEIGHT)
 
 
-class ImaginedPushes:
+class ImaginedPushes(ImaginedPaths):
     """Several imagined episodes, a step at a time; see `policies.episode_model.Imagined`.
 
     Blocks slide as `envs.block_push.pushing` has it, and two that meet part along the line between them.
@@ -84,10 +85,8 @@ class ImaginedPushes:
             self._flange, self._approach = twin.controller.tool(self._joints)
         delay = 0 if twin is None else round(CONTROL_FREQUENCY * twin.arm.delay)
         self._underway = [self.state[:, STATE["commanded"]].copy()] * delay
-        self._path, self._placed = [self._now()], [self._inside()]
-        self._ended = np.full(len(self.state), -1)
-        self._looked_at: dict[int, int] = {}
-        self._touched: dict[int, int] = {}
+        super().__init__(self._now())
+        self._placed = [self._inside()]
 
     def step(self, actions: Float[np.ndarray, "n 2"]) -> None:
         """Let a control step pass in those that are going on."""
@@ -105,9 +104,8 @@ class ImaginedPushes:
         self.state[:, STATE["effector"]] = self._flange[:, :2]
         commanded[going] = self._leashed(commanded)[going]
         self.state[:, STATE["commanded"]] = commanded
-        self._path.append(self._now())
         self._placed.append(self._inside())
-        self._ended[self.going & self._both()] = len(self._path) - 1
+        self._went_on(self._now(), self._both())
 
     def _leashed(self, command: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Commands drawn towards the flange as far as the leash of a protected arm wants."""
@@ -155,20 +153,6 @@ class ImaginedPushes:
         """Flange, approach direction and joints."""
         return np.hstack([self._flange, self._approach, self._joints])
 
-    @property
-    def going(self) -> Bool[np.ndarray, " n"]:
-        """Which have not placed both blocks yet."""
-        return self._ended < 0
-
-    def lengths(self) -> Float[np.ndarray, " n"]:
-        """Steps until both were placed; infinite for those that are still going."""
-        return np.where(self.going, np.inf, self._ended)
-
-    def _way(self, row: int) -> Float[np.ndarray, "steps numbers"]:
-        """What `_now` was from the beginning to the end."""
-        end = self._ended[row] if self._ended[row] >= 0 else len(self._path) - 1
-        return np.array([now[row] for now in self._path[: end + 1]])
-
     def flange(self, row: int) -> tuple[Float[np.ndarray, "steps 3"], Float[np.ndarray, "steps 3"]]:
         """Positions of the flange, in [m], and approach directions of a row, from the beginning to the end."""
         way = self._way(row)
@@ -177,7 +161,7 @@ class ImaginedPushes:
     def is_free(self, row: int) -> bool:
         """Whether the arm of a row touches neither itself nor table or obstacle on its way, and comes no nearer than
         `MARGIN` to the border of where it can hold its tool, or than where it begins."""
-        if self._first_touch(row) is not None:
+        if self._stopped(row) is not None:
             return False
         if self._twin is None:
             return True
@@ -191,17 +175,9 @@ class ImaginedPushes:
     def achieved(self, row: int) -> tuple[int, int]:
         """How many blocks were in targets of their own at most when the arm of a row first touches what stops it, or at
         its end, and after how many steps that is."""
-        touched, last = self._first_touch(row), len(self._way(row)) - 1
-        end = last if touched is None else touched
+        end = self._end(row)
         placed = [now[row] for now in self._placed[: end + 1]]
         return max(2 if both_placed(now) else int(now.any()) for now in placed), end
 
-    def _first_touch(self, row: int) -> int | None:
-        """The number of the first configuration of a row that touches something; only what is new is looked at."""
-        way, seen = self._way(row), self._looked_at.get(row, 0)
-        if self._twin is not None and row not in self._touched and seen < len(way):
-            first = self._twin.touch.first(way[seen:, 6:], self._obstacles)
-            self._looked_at[row] = len(way)
-            if first is not None:
-                self._touched[row] = seen + first
-        return self._touched.get(row)
+    def _first_stop(self, row: int, joints: Float[np.ndarray, "n dof"]) -> int | None:
+        return None if self._twin is None else self._twin.touch.first(joints, self._obstacles)

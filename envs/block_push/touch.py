@@ -40,8 +40,12 @@ class ArmTouch:
         data.qpos[:] = q
         mujoco.mj_kinematics(model, data)
         mujoco.mj_collision(model, data)
-        may = {model.geom("rod").id, model.geom("floor").id}
-        return any({*pair} != may for pair in data.contact.geom.tolist()) if data.ncon else False
+        return any({*pair} != self._may for pair in data.contact.geom.tolist()) if data.ncon else False
+
+    @cached_property
+    def _may(self) -> set[int]:
+        """The geoms that may touch each other: the rod and the table."""
+        return {self._model[0].geom(name).id for name in ("rod", "floor")}
 
     @cached_property
     def _model(self) -> tuple[mujoco.MjModel, mujoco.MjData]:

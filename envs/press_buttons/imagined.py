@@ -1,8 +1,9 @@
 """Episodes that are imagined side by side."""
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
+from envs.arm.imagined_path import ImaginedPaths
 from envs.arm.obstacles import Places
 from envs.press_buttons.motion import Buttons, Pointing, advance_all, advance_ideal
 from envs.press_buttons.twin import KinematicTwin, ToolKinematics
@@ -12,7 +13,7 @@ from richmap.task_spaces.press_buttons import BUTTONS, LAST, NORMAL, PLACE, PRES
 STATE = PRESS_BUTTONS_SPACE.state
 
 
-class ImaginedPresses:
+class ImaginedPresses(ImaginedPaths):
     """Several imagined episodes, a step at a time; see `policies.episode_model.Imagined`.
 
     Attributes:
@@ -44,11 +45,9 @@ class ImaginedPresses:
             for q, tip, approach in zip(self._joints, self._tip, self._approach, strict=True):
                 forward(self._tool.frames, q, tip, turned)
                 approach[:] = turned[:, 2]
-        self._path, self._counts = [self._now()], [self._pressed.sum(1)]
-        self._ended = np.full(len(joints), -1)
+        super().__init__(self._now())
+        self._counts = [self._pressed.sum(1)]
         self._free: dict[int, bool] = {}
-        self._looked_at: dict[int, int] = {}
-        self._stops: dict[int, int] = {}
 
     def step(self, actions: Float[np.ndarray, "n 6"]) -> None:
         """Let a control step pass in those that are going on."""
@@ -59,32 +58,17 @@ class ImaginedPresses:
             advance_ideal(command, buttons, self._last, given, self.going)
         else:
             advance_all(tool, self._joints, command, measured, buttons, self._last, given, self.going)
-        self._path.append(self._now())
         self._counts.append(self._pressed.sum(1))
         self.state[:, STATE["tool"]] = np.hstack([self._tip, self._approach])
         self.state[:, STATE["commanded"]] = np.hstack([self._command, self._direction])
         seen = self.environment.reshape(len(self.state), BUTTONS, -1)
         seen[..., PRESSED] = self._pressed
         seen[..., LAST] = np.arange(BUTTONS) == self._last[:, None]
-        self._ended[self.going & (self._pressed.sum(1) >= 2)] = len(self._path) - 1
+        self._went_on(self._now(), self._counts[-1] >= 2)
 
     def _now(self) -> Float[np.ndarray, "n numbers"]:
         """Tip, approach direction and joints."""
         return np.hstack([self._tip, self._approach, self._joints])
-
-    @property
-    def going(self) -> Bool[np.ndarray, " n"]:
-        """Which have not pressed two buttons yet."""
-        return self._ended < 0
-
-    def lengths(self) -> Float[np.ndarray, " n"]:
-        """Steps until two were pressed; infinite for those that are still going."""
-        return np.where(self.going, np.inf, self._ended)
-
-    def _way(self, row: int) -> Float[np.ndarray, "steps numbers"]:
-        """What `_now` was from the beginning to the end."""
-        end = self._ended[row] if self._ended[row] >= 0 else len(self._path) - 1
-        return np.array([now[row] for now in self._path[: end + 1]])
 
     def flange(self, row: int) -> tuple[Float[np.ndarray, "steps 3"], Float[np.ndarray, "steps 3"]]:
         """Positions of the flange, in [m], and approach directions of a row, from the beginning to the end."""
@@ -104,20 +88,15 @@ class ImaginedPresses:
     def achieved(self, row: int) -> tuple[int, int]:
         """How many buttons are pressed in a row when its arm first touches what stops it, or at its end, and after how
         many steps that is. The rod may touch any button, as in the environment."""
-        end = self._stopped(row)
-        end = len(self._way(row)) - 1 if end is None else end
+        end = self._end(row)
         return int(self._counts[end][row]), end
 
-    def _stopped(self, row: int) -> int | None:
-        """The number of the first configuration that stops a row's arm; only what is new is looked at."""
-        way, seen = self._way(row)[:, 6:], self._looked_at.get(row, 0)
-        if self._twin is not None and row not in self._stops and seen < len(way):
-            scene, buttons = (self._places[row], self._normals[row]), tuple(range(BUTTONS))
-            first = self._twin.first_touch(*scene, way[seen:], buttons, self._obstacles)
-            self._looked_at[row] = len(way)
-            if first is not None:
-                self._stops[row] = seen + first
-        return self._stops.get(row)
+    def _first_stop(self, row: int, joints: Float[np.ndarray, "n dof"]) -> int | None:
+        """The rod may touch any button, links none."""
+        if self._twin is None:
+            return None
+        scene, buttons = (self._places[row], self._normals[row]), tuple(range(BUTTONS))
+        return self._twin.first_touch(*scene, joints, buttons, self._obstacles)
 
     def _is_free(self, twin: KinematicTwin, row: int) -> bool:
         pressed = tuple(np.flatnonzero(self._pressed[row]).tolist())
