@@ -39,7 +39,7 @@ class RecordConfig(RunConfig):
     entry: str = ""
     """With row and failed: folder of the entry that a row is of; empty for our own methods."""
     demonstration: int = -1
-    """Seed of a demonstration to draw instead, as benchmark.collect makes it by default; -1 for none."""
+    """Seed of a demonstration to draw instead, the source's as benchmark.collect makes it by default; -1 for none."""
 
     def __post_init__(self) -> None:
         check_setting(not self.suite, "suite", self.suite, "empty: a film is of one condition, by robot and arm.…")
@@ -113,11 +113,13 @@ def _draw(rollout: "Rollout", seed: int, config: RecordConfig, console: "Console
 
 
 def _caption(episode: "Episode") -> str:
+    from benchmark.episodes.arm import setting_text
+
     about = episode.condition
     method = about.method if about.method == "direct" else f"{about.method} {about.guidance_scale:g}"
     return (
-        f"{about.robot}, {about.setting}, {method}, policy {about.checkpoint}, seed {episode.episode_seed}: "
-        f"{_how(episode.outcome)}"
+        f"{about.robot}, {setting_text(about.row())}, {method}, policy {about.checkpoint}, "
+        f"seed {episode.episode_seed}: {_how(episode.outcome)}"
     )
 
 
@@ -133,7 +135,7 @@ def _draw_demonstration(config: RecordConfig, console: "Console") -> None:
     from benchmark.training.demonstration_chunks import kind_of
     from benchmark.training.demonstration_recipe import CollectConfig
 
-    seed, recipe = config.demonstration, CollectConfig(config.task)
+    seed, recipe = config.demonstration, CollectConfig(config.task, episodes=1, seed_start=config.demonstration)
     frames: dict[int, list] = {}
     env = gymnasium.make(recipe.demonstrator.environment, render_mode="rgb_array")
 

@@ -14,7 +14,7 @@ from benchmark.rollouts.row_rollout import check_arm, check_version, row_rollout
 from benchmark.settings.command import run_command
 from benchmark.settings.config import ORACLE_METHODS
 from benchmark.settings.replay_config import ReplayConfig
-from benchmark.settings.setting import SettingError, check_setting
+from benchmark.settings.setting import SettingError
 from benchmark.settings.task import chosen_task
 
 if TYPE_CHECKING:
@@ -68,7 +68,8 @@ def chosen_rows(config: ReplayConfig) -> "pd.DataFrame":
     from benchmark.episodes.episode import IDENTITY, Condition, column_types, row_id
     from benchmark.episodes.table import read_tables
 
-    check_setting(bool(config.row) != bool(config.random), "row", config.row, "either row=<id> or random=<rows>")
+    if bool(config.row) == bool(config.random):
+        raise SettingError("Which rows? Give row=<id>, or random=<how many>.")
     path = Path(config.table)
     table = read_tables(path, chosen_task(config.task).name)
     if table.empty:

@@ -9,6 +9,7 @@ from benchmark.scoring.scale_table import CHOSEN_FOR, scale_table
 from benchmark.settings.command import run_command
 from benchmark.settings.task import chosen_task
 from benchmark.sweeps.scale_sweep import ScalesConfig, budget, markdown, sweep, swept_methods
+from policies.methods import DIRECT, METHODS
 from richmap.outputs import replacing
 
 
@@ -20,7 +21,6 @@ def main(config: ScalesConfig) -> None:
     from benchmark.rollouts.arm_oracle import demonstrated_path
     from benchmark.rollouts.make_rollout import make_rollout
     from benchmark.scoring.guidance_figures import draw_fields, draw_success
-    from policies.methods import METHODS
     from richmap.progress import plain_console
 
     console, folder, task = plain_console(), config.folder, chosen_task(config.task)
@@ -51,7 +51,10 @@ def main(config: ScalesConfig) -> None:
         with replacing(file) as path:
             figure.savefig(path, dpi=100)
         console.print(f"Figure: {file}", soft_wrap=True)
-    print(results_text(arm[arm.chosen], task))
+    print(results_text(arm, task))
+    for method, scale in chosen.items():
+        if method != DIRECT:
+            print(f"Chosen: {method}, {scale:g}")
     console.print(f"Table: {folder / 'scales.md'}", soft_wrap=True)
 
 

@@ -21,6 +21,17 @@ from policies.weights_hash import check_hashes, write_hashes
 from richmap.similarity.load_field import load_field
 
 CARD = "README.md"
+LOADING = """
+## Load it
+
+```python
+import lerobot_policy_guided_push  # Registers the type: without it LeRobot does not know `guided_push`.
+from policies.modeling_guided_push import GuidedPushPolicy
+
+policy = GuidedPushPolicy.from_pretrained("path/to/this/folder")
+```
+"""
+"""What LeRobot's own card does not say."""
 
 
 class GuidedPushPolicy(DiffusionPolicy):
@@ -105,8 +116,9 @@ class GuidedPushPolicy(DiffusionPolicy):
         self.card = None  # It describes other weights.
 
     def generate_model_card(self, *args: Any, **kwargs: Any) -> ModelCard:
-        """The card that the policy was loaded with, which says how it was made; LeRobot's for one without."""
-        return super().generate_model_card(*args, **kwargs) if self.card is None else ModelCard(self.card)
+        """The card that the policy was loaded with, which says how it was made; for one without LeRobot's, and how to
+        load it."""
+        return ModelCard(self.card or super().generate_model_card(*args, **kwargs).content + LOADING)
 
     def _save_pretrained(self, save_directory: Path, state_dict: dict[str, Tensor] | None = None) -> None:
         if state_dict is None and self.average is not None:

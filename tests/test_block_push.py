@@ -182,6 +182,8 @@ def test_an_argument_that_there_is_not_is_refused_by_its_name(name):
         gymnasium.make(name, robot="ur3", width=1)
     with pytest.raises(ValueError, match="yaw goes with robot=, and an arm= stands as it stands"):
         gymnasium.make(name, arm=place_arm("ur3", POSES), yaw=0.1)
+    with pytest.raises(ValueError, match="orientation_weight is a number. Got 'x'"):
+        gymnasium.make(name, orientation_weight="x")
 
 
 @pytest.mark.parametrize(

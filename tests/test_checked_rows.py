@@ -45,6 +45,7 @@ def edited(folder, **values):
         ({"checkpoint": "a | b"}, "checkpoint holds 'a [|] b'"),
         ({"method": "<b>mine</b>"}, "method holds '<b>mine"),
         ({"commit": "c1\n"}, "commit holds 'c1"),
+        ({"method": "a" * 1_000_000}, "method holds 'a{299}, which"),
         ({"commit": None}, "commit holds nothing in 1 rows"),
         ({"length": "three"}, "length holds object"),
         ({"p1": 0.5}, "p1 holds object"),
@@ -82,6 +83,7 @@ def test_a_row_out_of_its_ranges_is_not_shown_and_what_has_no_checksum_is_said(t
         read_present(tmp_path / "wrong", BLOCK_PUSH)
     edited(tmp_path)
     (part,) = (tmp_path / "episodes").iterdir()
+    assert len(read_present(part.parent, BLOCK_PUSH)) == 3
     assert len(read_present(part, BLOCK_PUSH)) == 3 and not capsys.readouterr().out
     theirs = part.rename(tmp_path / "theirs.parquet")
     assert len(read_present(theirs, BLOCK_PUSH)) == 3

@@ -134,6 +134,11 @@ def test_types_that_fetch_models_by_name_are_not_run(copy, kind):
     refusal(copy)
 
 
+def test_of_an_unknown_type_it_is_said_what_may_be_missing(copy):
+    edit(copy / "config.json", lambda config: config.update(type="evil"))
+    assert "of a policy of type 'evil', which no installed package has. Install the plugin" in refusal(copy)
+
+
 @pytest.mark.parametrize(
     "change, line",
     [

@@ -28,7 +28,7 @@ REFUSED = {
         "lambda=1e300", "lambda=inf", "method=best_of_n_energy lambda=1e6", "lambda=1e6", "sampling_steps=1000000",
         "hydra.run.dir=README.md/x", "hydra.run.dir=a/b lambda=-1", "-m lambda=0,1 hydra.sweep.dir=README.md/x",
         "wandb.mode=offline wandb.folder=", "wandb.mode=offline wandb.folder=/proc/x", "energy.smoothing=nan",
-        "seed_start=4294967296", "seed=-1", "arm.base=[1,2]", "arm.base=[nan,0,0]",
+        "seed_start=4294967296", "episodes=2 seed_start=99999", "seed=-1", "arm.base=[1,2]", "arm.base=[nan,0,0]",
     ],
     "build_maps": [
         "output=/dev/null", "output=/", "output=.", "output=", "output=/proc/x", "output=~", "output=~/x",
@@ -45,7 +45,9 @@ REFUSED = {
         "arm.base=[1,2]", "stop_early=perhaps", "robot=custom",
     ],
     "train": ["threads=100000", "batch_size=100000000", "keep=[1000,1000]"],
-    "collect": ["episodes=1000000000", "workers=10000", "output_dir="],
+    "collect": [
+        "seed_start=50000", "episodes=2 seed_start=49999", "episodes=1000000000", "workers=10000", "output_dir=",
+    ],
     "learn_value": [
         "scenes=5", "scenes=50000", "scenes=20000 rounds=2", "rounds=-1", "each=0", "task=block_push",
         "output_dir=/proc", "seeds=[]", "seeds=[42,42]", "workers=10000", "arm.base=[1,2]",

@@ -203,7 +203,13 @@ def test_each_figure_has_its_interval(opened, standings):
     ends = [number(end) for end in shown[0].get_attribute("title").partition("[")[2].split(",")]
     assert ends == pytest.approx([100 * of.difference_low, 100 * of.difference_high], abs=0.051)
     shown[0].click()  # A phone has nothing to point with.
-    assert browser.find_element("id", "told").text == f"{shown[0].text}: {shown[0].get_attribute('title')}"
+    said = browser.find_element("id", "tapped")
+    assert said.text == f"{shown[0].text}: {shown[0].get_attribute('title')}"
+    figure = browser.find_element("css selector", "#ranking tbody td [title]")
+    figure.click()  # In any table.
+    assert said.text == f"{figure.text}: {figure.get_attribute('title')}"
+    browser.find_element("tag name", "h1").click()
+    assert not said.is_displayed()
     (here,) = [x for x in browser.find_elements("css selector", "#methods th.condition") if x.text == "here"]
     assert here.get_attribute("title") == "ur3; outer reach"
 

@@ -148,6 +148,11 @@ def test_the_same_seed_gives_the_same_episode_and_a_copy_goes_on(env):
     copied.close()
 
 
+def test_another_tool_is_refused_before_a_posture_is_sought():
+    with pytest.raises(ValueError, match="rod of 0.1 m, and take no tool_length. Leave it out"):
+        gymnasium.make(envs.PRESS_BUTTONS_ENVIRONMENTS["ur3"], tool_length=0.1)
+
+
 @pytest.mark.parametrize("obs_type", ["state", "environment_state_agent_pos"])
 def test_gymnasium_has_nothing_to_say(obs_type):
     made = gymnasium.make(envs.PRESS_BUTTONS_ENVIRONMENTS["xarm6"], obs_type=obs_type)

@@ -118,7 +118,10 @@ def test_scales_that_are_asked_for_are_all_tried(simulated, tmp_path, capsys):
     scales.main(settings(tmp_path, methods=["towards"], scale=[0.8, 0.05, 0.2]))
     table = read_methods(tmp_path / "robust" / "ur3-embodied", BLOCK_PUSH, range(50_000, 60_000))
     assert sorted(table[table.method == "towards"]["lambda"].unique()) == [0.05, 0.2, 0.8]
-    assert "direct transfer and 1 method)" in " ".join(capsys.readouterr().out.split())
+    said = capsys.readouterr().out
+    assert "direct transfer and 1 method)" in " ".join(said.split())
+    shown = [line.split()[:2] for line in said.splitlines() if line.startswith("towards")]
+    assert shown == [["towards", "0.05"], ["towards", "0.2"], ["towards", "0.8"]] and "Chosen: towards, 0." in said
     said = (tmp_path / "robust" / "ur3-embodied" / "scales.md").read_text()
     assert "`towards`: λ is" in said and "`away`" not in said
 

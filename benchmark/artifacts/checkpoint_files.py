@@ -156,7 +156,7 @@ def _check_processor(folder: Path, name: str) -> None:
             asked = step.get("registry_name") or step.get("class")
             raise SettingError(
                 f"policy={folder}: its {name} asks for the step {str(asked)[:100]!r}, which is not run here, as it may "
-                f"be any code. Steps that are run: {', '.join(STEPS)}."
+                f"be any code. Steps that are run: {', '.join(STEPS)}. lerobot-eval runs any: read the file first."
             )
         settings = step.get("config", {})
         if not isinstance(settings, dict) or (unknown := sorted(set(settings) - known)):

@@ -33,6 +33,8 @@ MOST_ROWS = 1_000_000
 """Of a part, which a small file can hold more of than memory does."""
 MOST_BYTES = 1 << 30
 """Of a part's pages when they are unpacked."""
+LONGEST_TEXT = 300
+"""Most letters of a text in a row."""
 
 
 def _is_number(kind: pa.DataType) -> bool:
@@ -58,7 +60,10 @@ def parts_in(folder: Path) -> list[Path]:
 def parts_below(path: Path) -> list[Path]:
     """The parts of all tables in a folder and below it, or the file itself."""
     try:
-        return [path] if path.is_file() else sorted(path.rglob(f"{FOLDER}/*.parquet"))
+        if path.is_file():
+            return [path]
+        own = path.glob("*.parquet") if path.absolute().name == FOLDER else ()
+        return sorted({*own, *path.rglob(f"{FOLDER}/*.parquet")})
     except OSError as error:
         raise SettingError(f"{path} cannot be searched for tables: {error.strerror}: {error.filename}.") from error
 
@@ -193,7 +198,7 @@ def check_columns(path: Path, table: pa.Table, types: Mapping[str, tuple[type, b
     """Compare a table's columns with what they must hold (`column_types`); a column that it lacks is not missed.
 
     Raises:
-        SettingError: If one is of another type, or a text of it is not printed, or a number of it not finite.
+        SettingError: If one is of another type, or a text of it is not printed or too long, or a number not finite.
     """
     for name in types.keys() & {*table.column_names}:
         kind, optional = types[name]
@@ -206,7 +211,8 @@ def check_columns(path: Path, table: pa.Table, types: Mapping[str, tuple[type, b
         if column.null_count and not optional and name != "cell_size":  # Which is none without a field.
             raise SettingError(f"{path}: {name} holds nothing in {column.null_count} rows. Move it away and run again.")
         if kind is str:
-            wrong = [text for text in column.unique().to_pylist() if not (text is None or text.isprintable())]
+            texts = [text for text in column.unique().to_pylist() if text is not None]
+            wrong = [text for text in texts if not text.isprintable() or len(text) > LONGEST_TEXT]
         elif kind is float and not optional and name != "cell_size":
             wrong = column.filter(pc.invert(pc.is_finite(column))).to_pylist()[:1]
         elif kind is tuple and not pa.types.is_null(column.type) and pa.types.is_floating(column.type.value_type):
@@ -215,7 +221,7 @@ def check_columns(path: Path, table: pa.Table, types: Mapping[str, tuple[type, b
         else:
             wrong = []
         if wrong:
-            raise SettingError(f"{path}: {name} holds {wrong[0]!r}, which no rollout stores.")
+            raise SettingError(f"{path}: {name} holds {wrong[0]!r:.{LONGEST_TEXT}}, which no rollout stores.")
 
 
 def to_frame(tables: Sequence[pa.Table]) -> pd.DataFrame:

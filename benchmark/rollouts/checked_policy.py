@@ -9,10 +9,11 @@ import torch
 from lerobot.configs import PreTrainedConfig
 from lerobot.policies import get_policy_class
 from lerobot.policies.pretrained import PreTrainedPolicy
+from lerobot.utils.import_utils import register_third_party_plugins
 from safetensors import safe_open
 
 from benchmark.artifacts.checkpoint import GUIDED
-from benchmark.artifacts.checkpoint_files import WEIGHTS
+from benchmark.artifacts.checkpoint_files import CONFIG, WEIGHTS, read_json
 from benchmark.settings.setting import SettingError
 
 TYPES = (GUIDED, "act", "diffusion", "tdmpc", "vqbet")
@@ -50,6 +51,14 @@ def checked_config(folder: Path, shown: Shapes | None = None) -> PreTrainedConfi
     Raises:
         SettingError: If the type is not run here, or wants other observations or actions.
     """
+    kind = str(read_json(folder / CONFIG).get("type"))
+    if kind not in PreTrainedConfig.get_known_choices():
+        register_third_party_plugins()
+    if kind not in (known := PreTrainedConfig.get_known_choices()):
+        raise SettingError(
+            f"policy={folder}: its {CONFIG} is of a policy of type {kind[:100]!r}, which no installed package "
+            f"has. Install the plugin that it is of (lerobot_policy_...). Known: {', '.join(sorted(known))}."
+        )
     with loading(folder):
         config = PreTrainedConfig.from_pretrained(folder)
     if type(config).__module__.startswith("lerobot.") and config.type not in TYPES:

@@ -11,6 +11,7 @@ from benchmark.settings.chosen_scales import read_scales, scales_file
 from benchmark.settings.config import ORACLE_METHODS, RunConfig
 from benchmark.settings.setting import SettingError
 from benchmark.settings.task import chosen_task
+from policies.methods import METHODS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,6 +46,8 @@ def chosen_players(config: RunConfig, console: "Console") -> "Sequence[Player]":
             over the task's start.
     """
     task, checkpoints = chosen_task(config.task), chosen_checkpoints(config)
+    if config.guidance_scale is None and config.method in METHODS:
+        chosen_scale(config, task)  # Whether there is one is known before postures are sought and maps are built.
     arms = chosen_arms(config, task)
     if config.method in ORACLE_METHODS.values():
         return [oracle_of(config.method, task, arm) for arm in arms]
@@ -59,23 +62,27 @@ def oracle_of(method: str, task: "Task", arm: "PlacedArm") -> ArmOracle:
 
 def rollouts_of(stages: "Sequence[Stage]") -> "list[Rollout]":
     """Direct transfer on each of these stages of one method, and then guidance at its scale, unless that is 0."""
-    given = stages[0].config.guidance_scale
-    scale = chosen_scale(stages[0]) if given is None else given
+    scale = stages[0].config.guidance_scale
+    if scale is None:
+        scale = _usual_scale(stages[0])
     return [stage.rollout(each) for each in sorted({0.0, scale}) for stage in stages]
 
 
-def chosen_scale(stage: Stage) -> float:
-    """The one scale of a method that was chosen for its task, in `config.scales_dir`.
+def _usual_scale(stage: Stage) -> float:
+    if stage.entry is None:
+        return chosen_scale(stage.config, stage.task)
+    if stage.entry.default_scale is None:
+        raise SettingError(f"lambda=null: {stage.config.method} names no default_scale. Give it one, or give lambda.")
+    return stage.entry.default_scale
+
+
+def chosen_scale(config: RunConfig, task: "Task") -> float:
+    """The one scale of a method of ours that was chosen for its task, in `config.scales_dir`.
 
     Raises:
         SettingError: If none was.
     """
-    config = stage.config
-    if stage.entry:
-        if stage.entry.default_scale is None:
-            raise SettingError(f"lambda=null: {config.method} names no default_scale. Give it one, or give lambda.")
-        return stage.entry.default_scale
-    file = scales_file(config.scales_dir, stage.task.name)
+    file = scales_file(config.scales_dir, task.name)
     if (chosen := read_scales(file).get(config.method)) is not None:
         return float(chosen["scale"])
     raise SettingError(

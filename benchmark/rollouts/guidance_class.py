@@ -160,7 +160,8 @@ def _checked(theirs: "Guidance", where: str, width: int) -> "Guidance":
             return None
         if not isinstance(answer, torch.Tensor) or answer.shape != shape or not answer.isfinite().all():
             is_tensor = isinstance(answer, torch.Tensor)
-            found = f"a tensor {tuple(answer.shape)}" if is_tensor else f"of type {type(answer).__name__}"
+            numbers = "" if is_tensor and answer.isfinite().all() else " with numbers that are not finite"
+            found = f"a tensor {tuple(answer.shape)}{numbers}" if is_tensor else f"of type {type(answer).__name__}"
             raise SettingError(
                 f"{where}.{name} gave what is {found}. It gives a tensor {shape} of finite numbers, also in rows of a "
                 "batch that have no episode, whose state and scene are zeros."

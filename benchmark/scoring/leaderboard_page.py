@@ -129,7 +129,8 @@ def scenes(folder: Path) -> list[dict[str, Any]]:
         named = ((file, NAME.fullmatch(file.stem)) for file in sorted(folder.glob(f"{robot}-*.webp")))
         for file, (arm, method, seed) in ((file, name.groups()) for file, name in named if name):
             source = f"data:image/webp;base64,{base64.b64encode(file.read_bytes()).decode()}"
-            film = {"method": method.replace("lambda", "λ "), "source": source}
+            shown = re.sub(r"(?<=[a-z])(?=[\d.]+$)", " ", method.replace("lambda", "λ "))
+            film = {"method": shown, "source": source}
             of_scene.setdefault((arm.replace("-", ", "), seed), []).append(film)
         found += [{"arm": arm, "seed": seed, "films": films} for (arm, seed), films in of_scene.items()][:SCENES]
     return found

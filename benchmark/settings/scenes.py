@@ -25,6 +25,11 @@ def check_scenes(first: int, count: int, suite: str = "") -> None:
     NumPy's legacy generator, which draws the scenes, takes 32-bit seeds.
     """
     check_setting(0 <= first <= 2**32 - count, "seed_start", first, "a whole number from 0 to 2^32 - episodes")
+    if first < FIRST_TEST_SEED < first + count:
+        raise SettingError(
+            f"seed_start={first} with episodes={count} is not allowed: scenes from {FIRST_TEST_SEED} on are for final "
+            "figures alone. Take scenes on one side of it."
+        )
     if first < RANKING.stop and first + count > RANKING.start and suite != RANKED:
         raise SettingError(
             f"seed_start={first} with episodes={count} is not allowed: scenes {RANKING[0]} to {RANKING[-1]} are those "

@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from benchmark.settings.paths import check_folder
-from benchmark.settings.scenes import check_scenes
+from benchmark.settings.scenes import VALIDATION
 from benchmark.settings.setting import SettingError, check_setting
 from benchmark.settings.task import chosen_task
 from envs.demonstrator import Demonstrator
@@ -42,7 +42,9 @@ class CollectConfig:
     def __post_init__(self) -> None:
         for name, number in {"episodes": self.count, "workers": self.workers}.items():
             check_setting(number >= 1, name, number, "a whole number >= 1")
-        check_scenes(self.seed_start, self.count)
+        check_setting(self.count <= VALIDATION.start, "episodes", self.count, f"{VALIDATION.start} at most")
+        last = VALIDATION.start - self.count
+        check_setting(0 <= self.seed_start <= last, "seed_start", self.seed_start, f"a whole number from 0 to {last}")
         if self.output_dir is not None and not Path(self.output_dir, "meta", "collect.json").is_file():
             check_folder(self.output_dir)
         kinds = dict(self.demonstrator.kinds)

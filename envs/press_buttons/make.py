@@ -6,6 +6,7 @@ from envs.arm.place_arm import arm_or_named
 from envs.arm.placed_arm import PlacedArm
 from envs.press_buttons.environment import PressButtonsEnv
 from envs.press_buttons.workspace import POSES
+from richmap.task_spaces.press_buttons import ROD
 
 
 def make(robot: str = "xarm6", arm: PlacedArm | None = None, **given: Any) -> PressButtonsEnv:
@@ -17,6 +18,8 @@ def make(robot: str = "xarm6", arm: PlacedArm | None = None, **given: Any) -> Pr
         given: What `PressButtonsEnv` takes, and `setting`, `base`, `yaw`, `branch`, `self_collision`,
             `orientation_weight`, `narrowed`, `delay`, `obstacles`, as `envs.arm.place_arm.place_arm` has them.
     """
+    if "tool_length" in given:
+        raise ValueError(f"Buttons are pressed with a rod of {ROD} m, and take no tool_length. Leave it out.")
     seen = ("obs_type", "render_mode") + tuple(
         f"{kind}_{side}" for kind in ("observation", "visualization") for side in ("width", "height")
     )
