@@ -15,6 +15,7 @@ from benchmark.settings.command import run_command
 from benchmark.settings.config import ORACLE_METHODS, RunConfig
 from benchmark.settings.replay_config import ReplayConfig
 from benchmark.settings.robot_config import SOURCE
+from benchmark.settings.scenes import VALIDATION
 from benchmark.settings.setting import SettingError, check_setting
 
 if TYPE_CHECKING:
@@ -45,7 +46,8 @@ class RecordConfig(RunConfig):
         check_setting(not self.suite, "suite", self.suite, "empty: a film is of one condition, by robot and arm.…")
         super().__post_init__()
         check_setting(self.failed >= 0, "failed", self.failed, "a whole number >= 0")
-        check_setting(self.demonstration >= -1, "demonstration", self.demonstration, "a whole number >= 0, or -1")
+        seeds = f"a seed of demonstrations, from 0 to {VALIDATION.start - 1}, or -1"
+        check_setting(-1 <= self.demonstration < VALIDATION.start, "demonstration", self.demonstration, seeds)
         chosen = bool(self.row) + (self.failed > 0) + (self.demonstration >= 0)
         check_setting(chosen <= 1, "row", self.row, "one of row, failed and demonstration at most")
         check_setting(self.wandb.mode == "disabled", "wandb.mode", self.wandb.mode, "disabled: films are files")
@@ -135,7 +137,7 @@ def _draw_demonstration(config: RecordConfig, console: "Console") -> None:
     from benchmark.training.demonstration_chunks import kind_of
     from benchmark.training.demonstration_recipe import CollectConfig
 
-    seed, recipe = config.demonstration, CollectConfig(config.task, episodes=1, seed_start=config.demonstration)
+    seed, recipe = config.demonstration, CollectConfig(config.task)
     frames: dict[int, list] = {}
     env = gymnasium.make(recipe.demonstrator.environment, render_mode="rgb_array")
 

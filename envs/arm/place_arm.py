@@ -6,9 +6,8 @@ from dataclasses import replace
 from functools import lru_cache
 from inspect import signature
 from itertools import batched
+from numbers import Real
 from typing import Any
-
-import numpy as np
 
 from envs.arm.found_posture import find_posture
 from envs.arm.placed_arm import ORIENTATION_WEIGHT, TOOL_LENGTH, PlacedArm, rounded_posture
@@ -125,9 +124,10 @@ def _check_numbers(
     obstacles: int,
 ) -> None:
     """Raise `ValueError` unless each of these can be."""
-    numbers = {"yaw": yaw, "orientation_weight": orientation_weight, "tool_length": tool_length, "delay": delay}
-    for name, value in numbers.items():
-        if not isinstance(value, float | int | np.number) and (value is not None or name in ("tool_length", "delay")):
+    optional = {"yaw": yaw, "orientation_weight": orientation_weight}
+    given = {"tool_length": tool_length, "delay": delay} | {k: v for k, v in optional.items() if v is not None}
+    for name, value in given.items():
+        if not isinstance(value, Real):
             raise ValueError(f"{name} is a number. Got {value!r}")
     if base is not None and len(base) != 3:
         raise ValueError(f"base is x, y, z in metres. Got {len(base)} numbers: {tuple(base)}")
