@@ -111,7 +111,7 @@ class WayChoice(Guidance):
         if near is not None and near == row.near:
             row.stays[near] += 1
         row.near = near
-        if not ways:
+        if len(ways) < 2:
             return np.zeros(len(scene), dtype=bool)
         tired = [TIRED ** sum(row.stays[goal] for goal in way.goals) for way in ways]
         merits = np.maximum(self.merits(row, scene, ways), LEAST) * tired

@@ -14,7 +14,7 @@ class ImaginedPaths(ABC):
     """
 
     def __init__(self, now: Float[np.ndarray, "n numbers"]) -> None:
-        self._path, self._ended = [now], np.full(len(now), -1)
+        self._path, self._ended, self._halted = [now], np.full(len(now), -1), np.zeros(len(now), dtype=bool)
         self._looked_at: dict[int, int] = {}
         self._stops: dict[int, int] = {}
 
@@ -29,12 +29,17 @@ class ImaginedPaths(ABC):
 
     @property
     def going(self) -> Bool[np.ndarray, " n"]:
-        """Which are not done yet."""
-        return self._ended < 0
+        """Which go on: neither done nor halted."""
+        return (self._ended < 0) & ~self._halted
 
     def lengths(self) -> Float[np.ndarray, " n"]:
-        """Steps until each was done; infinite for those that are still going."""
-        return np.where(self.going, np.inf, self._ended)
+        """Steps until each was done; infinite for those that are not."""
+        return np.where(self._ended < 0, np.inf, self._ended)
+
+    def halt(self) -> None:
+        """End those that something has stopped by now."""
+        for row in np.flatnonzero(self.going).tolist():
+            self._halted[row] = self._stopped(row) is not None
 
     def _way(self, row: int) -> Float[np.ndarray, "steps numbers"]:
         """Where tool and joints of a row were, from the beginning to the end."""

@@ -144,7 +144,7 @@ class ImaginedPushes(ImaginedPaths):
         blocks, targets = (
             np.stack([self.environment[:, SCENE[name]][:, :2] for name in names], 1) for names in (BLOCKS, TARGETS)
         )
-        return np.array([inside(*each) for each in zip(blocks, targets, strict=True)])
+        return inside(blocks, targets)
 
     def _both(self) -> Bool[np.ndarray, " n"]:
         return np.array([both_placed(now) for now in self._placed[-1]])

@@ -21,6 +21,8 @@ from richmap.task_spaces.way import Way
 
 MOVED, TURNED = 0.004, 0.05
 """By which blocks are slightly moved along each axis, in [m], and turned, in [rad]: the standard deviations."""
+LOOK = 10
+"""Steps after which those whose arm is stopped are imagined no further."""
 DOWN = (0.0, 0.0, -1.0)
 
 
@@ -120,11 +122,17 @@ class PushModel:
         state = np.tile(np.concatenate([at, at]), (count, 1))
         imagined = self.begin(np.tile(joints, (count, 1)), state, scenes.reshape(count, -1))
         experts = [Oracle(_mode(way), np.array(START)) for way in ways for _ in range(tries)]
-        for _ in range(self.steps):
-            if not imagined.going.any():
+        actions = np.zeros((count, 2))
+        for step in range(self.steps):
+            if step % LOOK == 0:
+                imagined.halt()
+            going = np.flatnonzero(imagined.going).tolist()
+            if not going:
                 break
-            seen = map(BLOCK_PUSH_SPACE.join, imagined.state, imagined.environment)
-            imagined.step(np.array([expert(each) for expert, each in zip(experts, seen, strict=True)]))
+            for row in going:
+                seen = BLOCK_PUSH_SPACE.join(imagined.state[row], imagined.environment[row])
+                actions[row] = experts[row](seen)
+            imagined.step(actions)
         done = [imagined.achieved(row)[0] / 2 for row in range(count)]
         return np.reshape(done, (len(ways), tries)).mean(1)
 

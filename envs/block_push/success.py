@@ -10,9 +10,9 @@ FIRST_BLOCK, BOTH_BLOCKS = 0.49, 0.51
 score."""
 
 
-def inside(blocks: Float[np.ndarray, "2 2"], targets: Float[np.ndarray, "2 2"]) -> Bool[np.ndarray, "2 2"]:
+def inside(blocks: Float[np.ndarray, "*n 2 2"], targets: Float[np.ndarray, "*n 2 2"]) -> Bool[np.ndarray, "*n 2 2"]:
     """Which block (row) is in which target (column); xy in [m]."""
-    offset = blocks[:, None] - targets[None]
+    offset = blocks[..., :, None, :] - targets[..., None, :, :]
     return np.sqrt((offset * offset).sum(-1)) < SUCCESS_RADIUS
 
 
