@@ -10,6 +10,7 @@ from lerobot.optim import AdamWConfig, DiffuserSchedulerConfig
 from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 
+from policies import PLUGIN
 from policies.methods import METHODS, method_named
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 from richmap.task_spaces.press_buttons import PRESS_BUTTONS_SPACE
@@ -20,6 +21,7 @@ SPACES = (BLOCK_PUSH_SPACE, PRESS_BUTTONS_SPACE)
 
 
 @PreTrainedConfig.register_subclass("guided_push")
+@PreTrainedConfig.register_subclass(PLUGIN)  # The first is what a checkpoint says of its type.
 @dataclass
 class GuidedPushConfig(DiffusionConfig):
     """A diffusion policy of one task: a small denoiser of its own inside LeRobot's `DiffusionPolicy`.

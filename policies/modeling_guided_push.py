@@ -24,14 +24,16 @@ CARD = "README.md"
 LOADING = """
 ## Load it
 
+From this folder or from the Hub:
+
 ```python
-import lerobot_policy_guided_push  # Registers the type: without it LeRobot does not know `guided_push`.
+import lerobot_policy_guided_push  # Registers the type: without it LeRobot does not know it.
 from policies.modeling_guided_push import GuidedPushPolicy
 
 policy = GuidedPushPolicy.from_pretrained("path/to/this/folder")
 ```
 """
-"""What LeRobot's own card does not say."""
+"""Of a policy's card, which LeRobot's own does not say."""
 
 
 class GuidedPushPolicy(DiffusionPolicy):

@@ -7,7 +7,7 @@ from lerobot.processor import PolicyAction, PolicyProcessorPipeline, make_defaul
 from policies.configuration_guided_push import GuidedPushConfig
 
 
-def make_guided_push_pre_post_processors(
+def make_lerobot_policy_guided_push_pre_post_processors(
     config: GuidedPushConfig, dataset_stats: dict[str, dict[str, Any]] | None = None
 ) -> tuple[
     PolicyProcessorPipeline[dict[str, Any], dict[str, Any]],

@@ -28,7 +28,18 @@ def save_arrays(path: Path, kind: str, version: int, arrays: dict[str, np.ndarra
     metadata = {"kind": kind, "version": str(version), "sha256": _digest(arrays, about), **about}
     with replacing(path) as temporary:
         safetensors.numpy.save_file(arrays, temporary, metadata)
+        _sort_header(temporary)
         temporary.chmod(0o644)  # safetensors lets only the owner read.
+
+
+def _sort_header(file: Path) -> None:
+    """Put the texts of a header in the order of their names: safetensors has another order every time."""
+    with file.open("r+b") as opened:
+        length = int.from_bytes(opened.read(8), "little")
+        header = json.loads(opened.read(length))
+        header["__metadata__"] = dict(sorted(header["__metadata__"].items()))
+        opened.seek(8)
+        opened.write(json.dumps(header, ensure_ascii=False, separators=(",", ":")).encode().ljust(length))
 
 
 @contextmanager

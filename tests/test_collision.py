@@ -60,10 +60,13 @@ def test_a_turn_that_is_called_free_is_free(robot):
         assert (check(turned)[decided] == ~free[decided, k]).all()
 
 
-def test_quick_answers_agree_with_all_pairs_of_triangles(robot):
+def test_quick_answers_agree_with_all_pairs_of_triangles_before_and_after_the_base_is_split(robot, monkeypatch):
     check = self_collision(robot)
     joints = random_joints(robot, 1000)
-    assert (check(joints) == check.pair_hits(joints).any(1)).all()
+    hits = check.pair_hits(joints).any(1)
+    for few in (10**9, 0):
+        monkeypatch.setattr("richmap.motion.collision.FEW", few)
+        assert (check(joints) == hits).all()
 
 
 def test_bounds_do_not_depend_on_the_order_in_which_links_are_named():

@@ -29,6 +29,8 @@ REFUSED = {
         "hydra.run.dir=README.md/x", "hydra.run.dir=a/b lambda=-1", "-m lambda=0,1 hydra.sweep.dir=README.md/x",
         "wandb.mode=offline wandb.folder=", "wandb.mode=offline wandb.folder=/proc/x", "energy.smoothing=nan",
         "seed_start=4294967296", "episodes=2 seed_start=99999", "seed=-1", "arm.base=[1,2]", "arm.base=[nan,0,0]",
+        "arm.base=[a,0,0]", "arm.base={x:1}", "seeds=[a]", "seeds=[1.5]", "seeds={a:1}", "seeds=[{a:1}]", "seeds=[[1]]",
+        "workers={a:1}", "workers=[1]",
     ],
     "build_maps": [
         "output=/dev/null", "output=/", "output=.", "output=", "output=/proc/x", "output=~", "output=~/x",
@@ -53,7 +55,10 @@ REFUSED = {
         "output_dir=/proc", "seeds=[]", "seeds=[42,42]", "workers=10000", "arm.base=[1,2]",
     ],
     "enter": ["robots=[]", "robots=[ur3,ur3]", "seeds=[]", "batch_size=1000000", "seed_start=50000 scale=[1e300]"],
-    "scales": ["scale=[0.1,1e300]", "methods=[]", "methods=[paper,paper]", "seeds=[42,42]", "points=1000"],
+    "scales": [
+        "scale=[0.1,1e300]", "scale=[.nan]", "scale=[{a:1}]", "methods=[]", "methods=[{a:1}]", "methods=[paper,paper]",
+        "seeds=[42,42]", "points=1000",
+    ],
     "source_policies": ["seeds=[]", "seeds=[42,42]", "candidates=[]"],
     "studies.learned_energy": ["seed=-1", "widths=[]", "widths=[0]", "widths=[100000]", "poses=1000000000", "steps=0"],
     "map_quality.verify_maps": ["maps=[]", "maps=[richmap,richmap]"],
@@ -82,6 +87,7 @@ def test_it_is_refused_in_one_line(module, line, tmp_path, monkeypatch, capsys):
     errors = capsys.readouterr().err.splitlines()
     assert end.value.code == 2 and len(errors) == 1, errors
     assert line.split(" ")[-1].partition("=")[0] in errors[0] or "hydra" in line or line.split(" ")[0] in errors[0]
+    assert not re.search(r"full_key|object_type|reference_type", errors[0]), "These are OmegaConf's words."
     assert os.listdir(tmp_path) == ["README.md"]
 
 

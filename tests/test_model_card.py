@@ -1,11 +1,17 @@
 """A checkpoint's README: what the Hub reads at its head, also after a push; and how its folder is found."""
 
+import re
+import subprocess
+import sys
+from importlib import import_module
 from pathlib import Path
+from shutil import copytree
 
 import pytest
 import torch
 from huggingface_hub import ModelCard
 
+from benchmark.artifacts.checkpoint import Checkpoint
 from envs.block_push.environment import BlockPushEnv
 from envs.block_push.task import BLOCK_PUSH
 from policies.modeling_guided_push import GuidedPushPolicy
@@ -41,10 +47,31 @@ def test_a_card_survives_a_push_but_not_further_training(tmp_path, monkeypatch):
 
 def test_a_relative_path_is_found_from_another_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert GuidedPushPolicy.from_pretrained(str(SHIPPED[0].relative_to(ROOT))).config.type == "guided_push"
+    policy = GuidedPushPolicy.from_pretrained(str(SHIPPED[0].relative_to(ROOT)))
+    assert policy.config.type == "lerobot_policy_guided_push"
     for name in ("results/checkpoints/seed7-1", "./here", "/nowhere/at/all", Path("seed42-1")):
         with pytest.raises(FileNotFoundError, match="There is no folder"):
             GuidedPushPolicy.from_pretrained(name)
+
+
+@pytest.mark.parametrize("folder", SHIPPED, ids=lambda folder: folder.name)
+def test_without_the_plugin_lerobots_own_error_says_what_to_import(folder):
+    code = f"from lerobot.configs import PreTrainedConfig; PreTrainedConfig.from_pretrained({str(folder)!r})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    named = re.search(r"Policy type '(\w+)' .* is not registered", done.stderr)
+    assert named is not None
+    assert import_module(named[1]).GuidedPushConfig is GuidedPushPolicy.config_class
+
+
+def test_a_checkpoint_that_says_the_short_name_is_the_same_policy(tmp_path):
+    old = copytree(SHIPPED[0], tmp_path / "old")
+    for name in ("config.json", "train_config.json"):
+        text = (old / name).read_text()
+        assert text.count('"lerobot_policy_guided_push"') == 1
+        (old / name).write_text(text.replace('"lerobot_policy_guided_push"', '"guided_push"'))
+    checkpoints = [Checkpoint.from_path(str(folder)) for folder in (old, SHIPPED[0])]
+    assert len({(each.type, each.policy_hash) for each in checkpoints}) == 1
+    assert GuidedPushPolicy.from_pretrained(old).config == GuidedPushPolicy.from_pretrained(SHIPPED[0]).config
 
 
 def test_demonstrations_and_environment_name_the_task_alike():

@@ -5,6 +5,7 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
+from safetensors import safe_open
 
 from richmap.files import save_arrays
 from richmap.geometry.grid import Grid
@@ -17,6 +18,16 @@ pytestmark = pytest.mark.system
 
 GRID = Grid((-0.5, -0.5, -0.5), 0.1, (10, 10, 10))
 VALUES = np.random.default_rng(0).random((10, 10, 10))
+
+
+def test_what_is_saved_twice_has_the_same_bytes(tmp_path):
+    texts = {f"key {i}": f'größe \U0001f916 "{chr(i)}" \\ / \x7f' for i in range(40)}
+    for file in (files := [tmp_path / f"{i}.safetensors" for i in range(3)]):
+        save_arrays(file, "any", 1, {"values": VALUES}, texts)
+        with safe_open(file, "numpy") as opened:
+            assert texts.items() <= opened.metadata().items()
+            assert np.array_equal(opened.get_tensor("values"), VALUES)
+    assert len({file.read_bytes() for file in files}) == 1
 
 
 def test_a_field_comes_back_as_what_it_is(tmp_path):

@@ -9,10 +9,11 @@ from typing import Any
 
 from benchmark.artifacts.checkpoint_files import CONFIG, TRAINING, WEIGHTS, check_files, read_json
 from benchmark.settings.setting import SettingError
+from policies import PLUGIN
 from policies.weights_hash import sha256_of
 
 GUIDED = "guided_push"
-"""LeRobot's name of our type of policy."""
+"""LeRobot's name of our type of policy; `PLUGIN` is its long one."""
 
 WHERE = ("device", "pretrained_path", "push_to_hub", "repo_id", "private", "tags", "license")
 """What a config.json says of where a policy runs, comes from and goes to."""
@@ -48,8 +49,8 @@ class Checkpoint:
 
     @property
     def type(self) -> str:
-        """LeRobot's name of its type of policy."""
-        return self._config["type"]
+        """LeRobot's name of its type of policy; the short one of ours."""
+        return GUIDED if self._config["type"] == PLUGIN else self._config["type"]
 
     @property
     def guidance_scale(self) -> float:

@@ -1,17 +1,20 @@
 """The composed settings as an object of their schema."""
 
 import sys
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from functools import reduce
 from typing import Any, cast
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import ConfigKeyError, OmegaConfBaseException
 
 from benchmark.settings.limits import check_limits
-from benchmark.settings.setting import PYTHON_NAME, TYPED_NAME, SettingError, choices_of, settings_of, short
+from benchmark.settings.setting import PYTHON_NAME, TYPED_NAME, Setting, SettingError, choices_of, settings_of, short
 
 MOST = sys.float_info.max
+NESTED = ("robot.ignore",)
+"""Lists of lists."""
 
 
 def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
@@ -33,6 +36,7 @@ def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
             given = values.get(group.name, {})
             if is_dataclass(group.type) and not isinstance(given, dict | DictConfig):
                 raise SettingError(f"{group.name}={given} is not allowed. It is settings by name, as in a file.")
+        _check_kinds(values, settings_of(schema))
         merged = OmegaConf.merge(OmegaConf.structured(schema), values)
         plain: Any = OmegaConf.to_container(merged, resolve=True)
         check_limits(_flat(plain), settings_of(schema))
@@ -42,7 +46,8 @@ def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
         wrong = next((name for name, x in _flat(raw).items() if type(x) is int and abs(x) > MOST), "a setting")
         raise SettingError(f"{wrong} is not allowed: it is beyond {MOST:g}.") from error
     except OmegaConfBaseException as error:
-        settings, key = settings_of(schema), TYPED_NAME.get(str(error.full_key), str(error.full_key))
+        wrong = str(error.full_key).partition("[")[0]  # Of a list the whole.
+        settings, key = settings_of(schema), TYPED_NAME.get(wrong, wrong)
         if isinstance(error, ConfigKeyError):
             raise _unknown(key) from error
         if key not in settings:
@@ -51,6 +56,21 @@ def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
         value = reduce(lambda node, part: node[part], key.split("."), raw)
         shown = "null" if value is None else value
         raise SettingError(f"{key}={shown} is not allowed. {key}: {short(settings[key].text)}") from error
+
+
+def _check_kinds(values: Mapping[Any, Any], settings: dict[str, Setting], prefix: str = "") -> None:
+    """Refuse settings by name and lists where there is one value: OmegaConf takes some, or does not say where."""
+    for key, value in values.items():
+        name = prefix + TYPED_NAME.get(str(key), str(key))
+        about = settings.get(name)
+        if about is None:
+            if isinstance(value, Mapping):
+                _check_kinds(value, settings, f"{name}.")
+            continue
+        named = isinstance(value, Mapping) and not about.choices and not isinstance(about.default, dict)
+        inner = value if isinstance(value, list | ListConfig) and name not in NESTED else ()
+        if named or any(isinstance(each, Mapping | list | ListConfig) for each in inner):
+            raise SettingError(f"{name}={value} is not allowed. {name}: {short(about.text)}")
 
 
 def literal(value: Any) -> Any:

@@ -4,6 +4,8 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
+from policies.modeling_guided_push import LOADING
+
 TEMPLATE = """---
 license: mit
 library_name: lerobot
@@ -33,14 +35,7 @@ Made by `python -m benchmark.train` with
 {config}
 ```
 
-Load it, from this folder or from the Hub:
-
-```python
-import lerobot_policy_guided_push  # Registers the type: without it LeRobot does not know `guided_push`.
-from policies.modeling_guided_push import GuidedPushPolicy
-
-policy = GuidedPushPolicy.from_pretrained("path/to/this/folder")
-```
+{loading}
 
 Or evaluate it with LeRobot, which finds the type itself where the project is installed:
 
@@ -60,5 +55,5 @@ def write_model_card(folder: Path, name: str, facts: Mapping[str, object], confi
         facts: What the template asks for and the configuration does not say.
         config: The training configuration, as plain values.
     """
-    text = TEMPLATE.format(name=name, config=json.dumps(config, indent=2), **facts)
+    text = TEMPLATE.format(name=name, config=json.dumps(config, indent=2), loading=LOADING.strip(), **facts)
     (folder / "README.md").write_text(text)

@@ -2,6 +2,8 @@
 
 import tempfile
 import warnings
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import coal
@@ -29,6 +31,30 @@ SECTORS = 72
 
 CELLS = 4096
 """Cells on the circle of joint 2, of which it is tabulated where a link that it carries is clear of the base."""
+
+
+FEW = 2000
+"""Configurations that are asked before the base is split, which takes as long as to check a few thousand."""
+
+
+@dataclass(frozen=True)
+class SplitBase:
+    """What does not move with joint 1, enclosed in a solid of revolution about its axis."""
+
+    solid: Float[np.ndarray, "slabs 3"]
+    """Bottom, top and radius of each slab, in [m], along the axis."""
+    near_at: dict[int, Bool[np.ndarray, " cells"]]
+    """Of links that joint 2 carries, by their number: where on its circle they may meet the solid."""
+    envelope: list[pinocchio.GeometryModel]
+    """The solid against each link."""
+    core: pinocchio.GeometryModel
+    """What is left of it without narrow protrusions, against all."""
+    protrusions: list[pinocchio.GeometryModel]
+    """These, against each link."""
+    protruding: tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]
+    """Spheres that cover them: centres and radii, in [m]."""
+    spheres: BoundingSpheres
+    """Of the links."""
 
 
 class SelfCollision:
@@ -66,14 +92,16 @@ class SelfCollision:
         self._moving = [self._checking([pair]) for pair in self._moving_pairs]
         self._with_base = self._checking(base_pairs)
         self._near_base = list(dict.fromkeys(b for _, b in base_pairs))
-        self._split_base(robot, {a for a, _ in base_pairs})
+        self._robot, self._asked = robot, 0
 
     def __call__(self, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, " n"]:
         """Whether each configuration, in [rad], is in self-collision."""
         near = self._spheres.near_each_other(joints, self._moving_pairs)
         hits = self._any_of(self._moving, joints, near)
         enclosed = np.flatnonzero(~hits)
-        enclosed = enclosed[self._meets_envelope(joints[enclosed])]
+        self._asked += len(enclosed)
+        if self._asked > FEW:
+            enclosed = enclosed[self._meets_envelope(joints[enclosed])]
         hits[enclosed] = self._any_hit(self._with_base, joints[enclosed])
         return hits
 
@@ -94,7 +122,7 @@ class SelfCollision:
         if turns == 1:
             return free
         near = np.flatnonzero(self._meets_envelope(joints))
-        core = self._any_hit(self._core, joints[near])
+        core = self._any_hit(self._base.core, joints[near])
         free[near[core]] = False
         near = near[~core]
         free[near] = ~self._protrusion_hits(joints[near], turns)
@@ -103,11 +131,11 @@ class SelfCollision:
 
     def _meets_envelope(self, joints: Float[np.ndarray, "n dof"]) -> Bool[np.ndarray, " n"]:
         """Whether a link meets the solid of revolution around the base."""
-        near = self._spheres.near_solid(joints, self._near_base, self._solid)
-        for i, near_at in self._near_at.items():
+        near = self._spheres.near_solid(joints, self._near_base, self._base.solid)
+        for i, near_at in self._base.near_at.items():
             cell = np.floor(joints[:, 1] * (len(near_at) / (2 * np.pi))).astype(int) % len(near_at)
             near[:, i] &= near_at[cell]
-        return self._any_of(self._envelope, joints, near)
+        return self._any_of(self._base.envelope, joints, near)
 
     def _any_of(
         self,
@@ -124,9 +152,9 @@ class SelfCollision:
 
     def _protrusion_hits(self, joints: Float[np.ndarray, "n dof"], turns: int) -> Bool[np.ndarray, "n turns"]:
         """At which turns configurations meet the base's protrusions."""
-        near = self._fine_spheres.turns_near(joints, self._near_base, *self._protruding_spheres, turns)
+        near = self._base.spheres.turns_near(joints, self._near_base, *self._base.protruding, turns)
         hits = np.zeros((len(joints), turns), dtype=bool)
-        for geometry, asked in zip(self._protrusions, np.moveaxis(near, 1, 0), strict=True):
+        for geometry, asked in zip(self._base.protrusions, np.moveaxis(near, 1, 0), strict=True):
             of, turn = np.nonzero(asked & ~hits)
             turned = joints[of]
             turned[:, 0] += 2 * np.pi * turn / turns
@@ -166,24 +194,20 @@ class SelfCollision:
         pool = self._pools[id(geometry)]
         return np.array(pinocchio.computeCollisionsInParallel(1, pool, np.asfortranarray(joints.T), True))
 
-    def _split_base(self, robot: RobotDescription, base: set[str]) -> None:
-        """Enclose the base in slabs of cylinders about the first axis: all of it, and its core; keep the difference.
-
-        Args:
-            robot: The arm.
-            base: The links that joint 1 does not move and that something can hit.
-        """
+    @cached_property
+    def _base(self) -> "SplitBase":
+        """The links that joint 1 does not move and that something can hit, enclosed in slabs of cylinders about its
+        axis: all of them, and their core; and the difference."""
+        robot, none = self._robot, (np.zeros((0, 3)), np.zeros(0))
+        base = {a for a, _ in self.pairs if robot.depth[a] == 0}
         if not base:
-            self._envelope, self._core = [], _with_pairs(self._geometry, [])
-            self._solid, self._near_at, self._protrusions = np.zeros((0, 3)), {}, []
-            self._fine_spheres, self._protruding_spheres = self._spheres, (np.zeros((0, 3)), np.zeros(0))
-            return
-        self._axis = self._model.jointPlacements[1] * z_to_axis(self._model.joints[1])
+            return SplitBase(np.zeros((0, 3)), {}, [], _with_pairs(self._geometry, []), [], none, self._spheres)
+        axis = self._model.jointPlacements[1] * z_to_axis(self._model.joints[1])
         frame = {link: self._model.frames[self._model.getFrameId(link)].placement for link in base}
         parts = []
         for link in sorted(base):
             for shape in robot.shapes[link]:
-                parts.append(shape.triangles().apply_transform((self._axis.inverse() * frame[link]).homogeneous))
+                parts.append(shape.triangles().apply_transform((axis.inverse() * frame[link]).homogeneous))
         mesh = trimesh.util.concatenate(parts)
         assert isinstance(mesh, trimesh.Trimesh)
         edge = max(EDGE, mesh.extents.max() / 150)
@@ -199,7 +223,7 @@ class SelfCollision:
             widest = np.zeros(SECTORS)
             np.maximum.at(widest, sector[slab], radius[slab])
             core_radius = np.median(widest) + edge
-            middle = self._axis * pinocchio.SE3(np.eye(3), np.array([0, 0, (bottom + top) / 2]))
+            middle = axis * pinocchio.SE3(np.eye(3), np.array([0, 0, (bottom + top) / 2]))
             core.append((coal.Cylinder(core_radius, top - bottom), middle))
             outer_radius = max(widest.max(), core_radius)
             envelope.append((coal.Cylinder(outer_radius, top - bottom), middle))
@@ -207,33 +231,36 @@ class SelfCollision:
             protruding[slab] |= radius[slab] > core_radius - edge / 2
         faces = mesh.faces[np.unique(parents[protruding[triangles].any(1)])]
 
-        self._solid = np.array(solid)
-        depth = robot.depth
-        self._near_at = {
-            i: self._near_at_joint_2(robot, link) for i, link in enumerate(self._near_base) if depth[link] == 2
+        turned = np.array(solid)
+        near_at = {
+            i: self._near_at_joint_2(link, turned) for i, link in enumerate(self._near_base) if robot.depth[link] == 2
         }
-        self._envelope = [self._against(envelope, [link]) for link in self._near_base]
-        self._core = self._against(core, self._near_base)
-        near_base = tuple(self._near_base)
-        self._fine_spheres = BoundingSpheres.around(robot, self._model, near_base, MEDIUM)
-        self._protruding_spheres = (np.zeros((0, 3)), np.zeros(0))
-        self._protrusions = [_with_pairs(self._geometry, []) for _ in near_base]
+        protrusions, covering = [_with_pairs(self._geometry, []) for _ in self._near_base], none
         if len(faces):
-            self._protruding_spheres = cover(trimesh.Trimesh(mesh.vertices, faces), MEDIUM)
-            volumes = [(_bounding_volumes(mesh.vertices, faces), self._axis)]
-            self._protrusions = [self._against(volumes, [link]) for link in near_base]
+            covering = cover(trimesh.Trimesh(mesh.vertices, faces), MEDIUM)
+            volumes = [(_bounding_volumes(mesh.vertices, faces), axis)]
+            protrusions = [self._against(volumes, [link]) for link in self._near_base]
+        return SplitBase(
+            turned,
+            near_at,
+            [self._against(envelope, [link]) for link in self._near_base],
+            self._against(core, self._near_base),
+            protrusions,
+            covering,
+            BoundingSpheres.around(robot, self._model, tuple(self._near_base), MEDIUM),
+        )
 
-    def _near_at_joint_2(self, robot: RobotDescription, link: str) -> Bool[np.ndarray, " cells"]:
+    def _near_at_joint_2(self, link: str, solid: Float[np.ndarray, "slabs 3"]) -> Bool[np.ndarray, " cells"]:
         """Where on the circle of joint 2 a link that it carries may meet the solid around the base.
 
         Nothing else moves the one against the other. Many small spheres, larger by what a point of the link moves
         within half a cell, leave out next to nothing that is free.
         """
-        spheres = BoundingSpheres.around(robot, self._model, (link,), FINE)
+        spheres = BoundingSpheres.around(self._robot, self._model, (link,), FINE)
         spheres = spheres.swept(np.pi / CELLS)
-        joints = np.zeros((CELLS, len(robot.joints)))
+        joints = np.zeros((CELLS, len(self._robot.joints)))
         joints[:, 1] = 2 * np.pi * (np.arange(CELLS) + 0.5) / CELLS
-        return spheres.near_solid(joints, [link], self._solid)[:, 0]
+        return spheres.near_solid(joints, [link], solid)[:, 0]
 
     def _against(
         self, shapes: list[tuple[coal.CollisionGeometry, pinocchio.SE3]], links: list[str]
