@@ -129,9 +129,9 @@ class PushModel:
             going = np.flatnonzero(imagined.going).tolist()
             if not going:
                 break
+            seen = BLOCK_PUSH_SPACE.join(imagined.state, imagined.environment)
             for row in going:
-                seen = BLOCK_PUSH_SPACE.join(imagined.state[row], imagined.environment[row])
-                actions[row] = experts[row](seen)
+                actions[row] = experts[row](seen[row])
             imagined.step(actions)
         done = [imagined.achieved(row)[0] / 2 for row in range(count)]
         return np.reshape(done, (len(ways), tries)).mean(1)

@@ -60,20 +60,21 @@ class Oracle:
         if self._origin is None:
             self._origin = effector.copy()
         first_block, first_target = self.plan[0]
-        away = np.linalg.norm(blocks[first_block, :2] - targets[first_target, :2])
+        away = _length(blocks[first_block, :2] - targets[first_target, :2])
         if self.pair == self.plan[0] and away < PLACED:
             self.pair, self.phase = self.plan[1], "return"
         block, target = self.pair
         self.goal = self._goal(effector, blocks[block], targets[target, :2])
         step = self.goal - effector
-        length, longest = float(np.linalg.norm(step)), STEP.get(self.phase, 0.035)
+        length, longest = _length(step), STEP.get(self.phase, 0.035)
         return step * min(1.0, longest / length) if length > 0 else step
 
     def _goal(
         self, effector: Float[np.ndarray, "2"], block: Float[np.ndarray, "3"], target: Float[np.ndarray, "2"]
     ) -> Float[np.ndarray, "2"]:
         """Where the effector should go now, in [m]; moves on to the next phase where one is done."""
-        heading = (target - block[:2]) / np.linalg.norm(target - block[:2])
+        ahead = target - block[:2]
+        heading = ahead / _length(ahead)
         behind = {d: block[:2] - d * heading for d in (PRE_BLOCK, NEXT_TO_BLOCK, TOUCHING)}
         bias = {"orient_left": KEEP_TURNING, "orient_right": -KEEP_TURNING}.get(self.phase, 0.0)
         error = quarter_turn_error(math.atan2(heading[1], heading[0]) - block[2] - bias) + bias
@@ -119,7 +120,12 @@ class Oracle:
 
 
 def _near(a: Float[np.ndarray, "2"], b: Float[np.ndarray, "2"]) -> bool:
-    return bool(np.linalg.norm(a - b) < ARRIVED)
+    return _length(a - b) < ARRIVED
+
+
+def _length(vector: Float[np.ndarray, "2"]) -> float:
+    """What `np.linalg.norm` has, in a tenth of the time."""
+    return math.sqrt(vector.dot(vector))
 
 
 def quarter_turn_error(angle: float) -> float:
