@@ -16,7 +16,7 @@ from benchmark.settings.paths import check_folder
 from benchmark.settings.recipe import USUAL, check_recipe, policy_name
 from benchmark.settings.robot_config import RobotConfig
 from benchmark.settings.scenes import check_scenes
-from benchmark.settings.setting import SettingError, check_choice, check_setting
+from benchmark.settings.setting import SettingError, check_choice, check_counts, check_setting
 from benchmark.training.demonstration_recipe import CollectConfig
 from benchmark.training.recipes import MADE_BY
 from benchmark.training.trainer import TrainConfig
@@ -68,8 +68,7 @@ class SourcePoliciesConfig:
         check_setting(within, "candidates", self.candidates, f"steps from 1 to {self.steps}")
         number = len(set(self.candidates))
         check_setting(1 <= self.best <= number, "best", self.best, f"a whole number from 1 to {number}")
-        for name in ("episodes", "workers"):
-            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_counts(self, "episodes", "workers")
         check_scenes(self.seed_start, self.episodes)
         check_choice("device", self.device, ("cpu", "cuda"))
         check_folder(self.output_dir)

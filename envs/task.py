@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from pkgutil import resolve_name
 from typing import Any, get_type_hints
 
 import gymnasium
@@ -17,6 +18,18 @@ type Controller = Callable[[dict[str, np.ndarray]], np.ndarray]
 
 type OracleOnArm = Callable[[Any], Callable[[dict[str, Any]], Controller]]
 """Prepares a scripted expert for an arm; what that gives makes a controller from the info of an episode's reset."""
+
+
+@dataclass(frozen=True)
+class Later:
+    """A function or class by its place, which is imported when it is called."""
+
+    place: str
+    """As `module:name`."""
+
+    def __call__(self, *args: Any) -> Any:
+        return resolve_name(self.place)(*args)
+
 
 NEEDED = ("length", "failure_cause")
 """Columns that every task's outcome has: control steps, and the cause of failure or None."""
@@ -62,8 +75,8 @@ class Change:
 class Task:
     """What is asked of an arm.
 
-    A value: its functions are defined at the top of a module, so that a worker process can be sent a task, and import
-    what is slow to import only when they are called, so that naming a task costs nothing.
+    A value: its functions are defined at the top of a module, so that a worker process can be sent a task. What is slow
+    to import is imported when it is called (`Later`), so that naming a task costs nothing.
 
     Raises:
         ValueError: If what it says does not fit together.

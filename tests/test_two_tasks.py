@@ -161,6 +161,12 @@ def test_of_two_tasks_a_scale_is_chosen_for_each_in_which_the_method_acts():
         assert BUDGET - once < once * part.episodes <= BUDGET
 
 
+def test_without_names_scales_are_chosen_of_what_acts_in_the_suite():
+    names = {suite: ChooseScalesConfig(suite=suite).methods for suite in ("push-v1", "buttons-v1", "all-v1")}
+    assert "projection" in names["push-v1"] and "projection" not in names["buttons-v1"]
+    assert "paper" in names["buttons-v1"] and {*names["push-v1"], *names["buttons-v1"]} == {*names["all-v1"]}
+
+
 @pytest.mark.system
 def test_a_suite_of_two_tasks_is_rolled_out_stored_by_task_and_shown(tmp_path, monkeypatch, capsys):
     few = {name: CONDITIONS[name] for name in ("push", "press")}

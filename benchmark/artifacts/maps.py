@@ -118,22 +118,11 @@ def energy_field(
     Returns:
         The field, in the world frame, and its file in the cache.
     """
-    from richmap.cache import cached, made_from
-    from richmap.maps.cached_map import MAP_VERSION
     from richmap.robots.robots import load_robot
     from richmap.similarity.energy import EnergyField
     from richmap.similarity.energy_settings import EnergySettings
     from richmap.similarity.similarity import compare_maps
 
-    inputs = {
-        "field": "energy",
-        "source": load_robot(SOURCE).fingerprint,
-        "target": target.fingerprint,
-        "base": [x + 0.0 for x in base],  # No negative zero.
-        "map": map_config.construction | {"version": MAP_VERSION},
-        "energy": asdict(config),
-    }
-    key = made_from(inputs, FIELD_VERSION)
     choices = asdict(config)
     scales = choices.pop("scales")
 
@@ -141,11 +130,11 @@ def energy_field(
         source_map, target_map = compared_maps(target, base, map_config, workers, console)
         with console.status(f"Comparing {SOURCE} and {target.name}"):
             grid = compare_maps(source_map, target_map, base, scales)
-            about = {"source": SOURCE, "target": target.name, "fingerprint": key}
+            about = {"source": SOURCE, "target": target.name}
             return EnergyField.from_similarity(grid, EnergySettings(**choices), about)
 
-    shipped = None if map_config.rebuild else SHIPPED
-    return cached(f"fields/{SOURCE}-{target.name}-{key[:16]}.safetensors", EnergyField.load, build, shipped)
+    more = {"source": load_robot(SOURCE).fingerprint, "energy": asdict(config)}
+    return _of_maps("energy", (target, base), map_config, more, EnergyField, build, begins=SOURCE)
 
 
 def arm_branch_map(arm: "PlacedArm", config: MapConfig, workers: int, console: Console) -> tuple["ReachabilityMap"]:
@@ -258,15 +247,21 @@ def _coverage(
     return _of_maps(name, mapped, map_config, {}, DirectionalCoverage, build)
 
 
-def _of_maps[F: ("DirectionalCoverage", "DirectionalEnergy", "SignedDistanceField")](
+def _of_maps[F: ("DirectionalCoverage", "DirectionalEnergy", "EnergyField", "SignedDistanceField")](
     name: str,
     mapped: "Mapped",
     map_config: MapConfig,
     more: dict[str, Any],
     kind: type[F],
     build: Callable[[], F],
+    begins: str = "",
 ) -> tuple[F, Path]:
-    """Such a field from the cache, or made now; `more` is what else it follows from."""
+    """Such a field from the cache, or made now.
+
+    Args:
+        more: What else it follows from.
+        begins: How its file's name begins, if not with its own.
+    """
     from richmap.cache import cached, made_from
     from richmap.maps.cached_map import MAP_VERSION
 
@@ -284,4 +279,4 @@ def _of_maps[F: ("DirectionalCoverage", "DirectionalEnergy", "SignedDistanceFiel
         return replace(field, about={**field.about, "fingerprint": key})
 
     shipped = None if map_config.rebuild else SHIPPED
-    return cached(f"fields/{name}-{target.name}-{key[:16]}.safetensors", kind.load, made, shipped)
+    return cached(f"fields/{begins or name}-{target.name}-{key[:16]}.safetensors", kind.load, made, shipped)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from benchmark.settings.command import run_command
 from benchmark.settings.robot_config import RobotConfig, robot_field
-from benchmark.settings.setting import check_setting
+from benchmark.settings.setting import check_counts, check_setting
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -63,8 +63,7 @@ class CapabilityMapConfig:
         check_setting(0 < self.stop_rate < 1, "stop_rate", self.stop_rate, "a number between 0 and 1")
         check_setting((self.target or 0) >= 0, "target", self.target, "a whole number >= 0, null")
         check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
-        for name in ("draw", "turns", "workers"):
-            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_counts(self, "draw", "turns", "workers")
         check_setting(self.turns.bit_count() == 1, "turns", self.turns, "a power of two")
 
 

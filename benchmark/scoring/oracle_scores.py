@@ -4,7 +4,7 @@ import pandas as pd
 
 from benchmark.episodes.arm import ARM
 from benchmark.scoring.ranking import Protocol
-from benchmark.scoring.statistics import rate_interval
+from benchmark.scoring.scores import figures
 from benchmark.settings.config import ORACLE_METHODS
 from envs.task import Task
 
@@ -38,9 +38,6 @@ def _by_arm(played: pd.DataFrame, task: Task) -> dict[tuple, dict[str, float]]:
     """n, first seed and scores with Wilson intervals of an oracle on each arm."""
     scores: dict[tuple, dict[str, float]] = {}
     for key, rows in played.groupby(KEY):
-        scores[key] = {"n": len(rows), "first": int(rows.episode_seed.min())}
-        for name in task.score_names:
-            values = rows[name].to_numpy(dtype=float)
-            low, high = rate_interval(values)
-            scores[key] |= {name: float(values.mean()), f"{name}_low": low, f"{name}_high": high}
+        scores[key] = {"first": int(rows.episode_seed.min())} | figures(rows, task)
+        del scores[key]["causes"]
     return scores

@@ -1,5 +1,7 @@
 """Scores of episodes: of what was run alike, with intervals, and paired with a control."""
 
+from collections.abc import Mapping
+
 import pandas as pd
 
 from benchmark.episodes.episode import CONDITION
@@ -29,7 +31,7 @@ def figures(episodes: pd.DataFrame, task: Task) -> dict:
     row: dict = {"n": len(episodes)}
     for score in task.score_names:
         values = episodes[score].to_numpy(dtype=float)
-        row[score] = values.mean()
+        row[score] = float(values.mean())
         row[f"{score}_low"], row[f"{score}_high"] = rate_interval(values)
     return row | {"causes": episodes.failure_cause.dropna().value_counts().to_dict()}
 
@@ -56,7 +58,7 @@ def paired(episodes: pd.DataFrame, control: pd.DataFrame, task: Task) -> pd.Data
     return pd.DataFrame(rows)
 
 
-def with_interval(row: pd.Series, name: str) -> str:
+def with_interval(row: Mapping | pd.Series, name: str) -> str:
     """A score and its interval, in percent."""
     return f"{100 * row[name]:.1f} [{100 * row[f'{name}_low']:.1f}, {100 * row[f'{name}_high']:.1f}]"
 

@@ -199,10 +199,8 @@ class RunConfig:
             check_setting(scale == 0 or guided, "lambda", scale, f"0 with method={self.method}")
         if scale is not None and self.method in METHODS and METHODS[self.method].counts:
             check_setting(scale == int(scale), "lambda", scale, f"a whole number of samples with method={self.method}")
-        for name in ("episodes", "batch_size", "workers"):
-            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_counts(self, "episodes", "batch_size", "workers", "checkpoint")
         check_setting(self.seed >= 0, "seed", self.seed, "a whole number >= 0")
-        check_counts(self, "checkpoint")
         check_recipe(self.recipe)
         covered = scale == 0 or self.map.half_width >= 0.8
         check_setting(covered, "map.half_width", self.map.half_width, "0.8 or more, so that the field covers the table")
@@ -272,8 +270,7 @@ class OracleConfig:
 
     def __post_init__(self) -> None:
         chosen_task(self.task)
-        for name in ("episodes", "workers"):
-            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_counts(self, "episodes", "workers")
         check_scenes(self.seed_start, self.episodes)
         check_folder(self.output_dir)
         check_choice("oracle", self.oracle, ORACLES)

@@ -75,7 +75,7 @@ def main(config: CeilingsConfig) -> None:
             ) from error
         figures = dict(zip(("c", "c_low", "c_high"), made[name].interval(scenes), strict=True))
         means = {key: f"{100 * value:.1f}" for key, value in made[name].candidates.items()}
-        lines.append({"condition": name, "ceiling": with_interval(pd.Series(figures), "c"), **means})
+        lines.append({"condition": name, "ceiling": with_interval(figures, "c"), **means})
     about: dict[str, object] = {
         "suite": config.suite,
         "task": ", ".join(task.name for task in tasks),

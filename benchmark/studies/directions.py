@@ -59,7 +59,6 @@ def main(config: DirectionsConfig) -> None:
         f"coverage of {config.robot}": DirectionalCoverage.from_map(target),
     }
     path = Path(config.output_dir) / "directions.png"
-    path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
         directions_figure(fields, [(x, 0.0, config.height) for x in config.x]).savefig(temporary, format="png", dpi=80)
     console.print(f"Written: {path}", soft_wrap=True)

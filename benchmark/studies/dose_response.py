@@ -16,7 +16,7 @@ from benchmark.settings.command import run_command
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.scenes import VALIDATION, check_scenes
-from benchmark.settings.setting import SettingError, check_choice, check_setting
+from benchmark.settings.setting import SettingError, check_choice, check_counts, check_setting
 from richmap.outputs import replacing
 
 if TYPE_CHECKING:
@@ -65,8 +65,7 @@ class DoseResponseConfig:
         check_setting(self.split_seed >= 0, "split_seed", self.split_seed, "a whole number >= 0")
         known = 1 <= self.demonstrations <= 1000
         check_setting(known, "demonstrations", self.demonstrations, "a whole number from 1 to 1000")
-        for name in ("episodes", "workers"):
-            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_counts(self, "episodes", "workers")
         check_scenes(VALIDATION.start, self.episodes)
         check_folder(self.output_dir)
         check_folder(self.rows)

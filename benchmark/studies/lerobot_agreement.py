@@ -27,7 +27,7 @@ from benchmark.settings.config import RunConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.robot_config import PAPER_ARMS, RobotConfig, robot_field
 from benchmark.settings.scenes import check_scenes
-from benchmark.settings.setting import check_choice, check_setting
+from benchmark.settings.setting import check_choice, check_counts
 from richmap.outputs import replacing
 from richmap.robots import SETTINGS
 
@@ -72,8 +72,7 @@ class LerobotAgreementConfig:
 
     def __post_init__(self) -> None:
         check_choice("robot", self.robot.name, PAPER_ARMS)
-        for name in ("episodes", "batch_size", "workers"):
-            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_counts(self, "episodes", "batch_size", "workers")
         check_scenes(self.seed_start, self.episodes)
         check_folder(self.output_dir)
         check_choice("setting", self.setting, SETTINGS)

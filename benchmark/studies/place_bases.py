@@ -14,7 +14,7 @@ from benchmark.settings.command import run_command
 from benchmark.settings.map_config import MapConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.robot_config import check_targets
-from benchmark.settings.setting import check_setting
+from benchmark.settings.setting import check_counts, check_setting
 from envs.block_push.task import BLOCK_PUSH
 from richmap.outputs import replacing
 
@@ -56,8 +56,7 @@ class PlaceBasesConfig:
     def __post_init__(self) -> None:
         check_targets(self.robots)
         check_setting(1 <= self.episodes <= 1000, "episodes", self.episodes, "a whole number from 1 to 1000")
-        for name in ("stride", "workers"):
-            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_counts(self, "stride", "workers")
         check_setting(0 <= self.margin <= 0.5, "margin", self.margin, "a number from 0 to 0.5")
         check_folder(self.output_dir)
 

@@ -50,7 +50,6 @@ def main(config: ShippedFieldsConfig) -> None:
     from richmap.progress import plain_console
 
     console, folder = plain_console(), Path(config.output_dir)
-    folder.mkdir(parents=True, exist_ok=True)
     for kind in config.kinds:
         for suite in config.suites:
             conditions = suite_conditions(suite).items()

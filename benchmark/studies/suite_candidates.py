@@ -91,8 +91,8 @@ def candidates(rows: "pd.DataFrame", conditions: dict[str, ConditionConfig], tas
         row = {
             "condition": name,
             "n": len(direct),
-            "direct": with_interval(pd.Series(figures), "d"),
-            "ceiling": with_interval(pd.Series(figures), "c"),
+            "direct": with_interval(figures, "d"),
+            "ceiling": with_interval(figures, "c"),
             **{key: f"{100 * value:.0f}" for key, value in top.candidates.items() if key != "direct"},
             "direct fails by": causes_text(direct.failure_cause.dropna().value_counts()[:3].to_dict()),
         }

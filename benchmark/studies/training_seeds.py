@@ -67,7 +67,7 @@ def by_training(tables: "dict[str, pd.DataFrame]", score: str) -> "pd.DataFrame"
         of_seeds = {"the three that ship": rows[rows.training_seed.isin(PUBLISHED)], "all": rows}
         for title, some in of_seeds.items():
             interval = clustered_mean(Crossed.of(some, some[score].astype(float)))
-            line[title] = with_interval(pd.Series(dict(zip(("x", "x_low", "x_high"), interval, strict=True))), "x")
+            line[title] = with_interval(dict(zip(("x", "x_low", "x_high"), interval, strict=True)), "x")
         means = rows.groupby("training_seed")[score].mean().mul(100)
         line["standard deviation"] = f"{means.std():.1f}"
         lines.append(line | {str(seed): f"{mean:.0f}" for seed, mean in means.items()})

@@ -8,12 +8,12 @@ import numpy as np
 import yaml
 
 from benchmark.settings.chosen_scales import read_scales, scales_file
-from benchmark.settings.config import RunConfig
+from benchmark.settings.config import RunConfig, unfit
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.scenes import VALIDATION
 from benchmark.settings.setting import check_choice, check_setting
-from benchmark.settings.suite import suite_conditions
+from benchmark.settings.suite import suite_conditions, tasks_of
 from benchmark.settings.task import chosen_task
 from policies.methods import GUIDED, METHODS, SWEPT
 
@@ -33,8 +33,9 @@ class ChooseScalesConfig:
 
     suite: str = "push-v1"
     """On whose conditions (see benchmark.run)."""
-    methods: list[str] = field(default_factory=lambda: [*SWEPT])
-    """Methods, as in methods=[paper,towards] (see benchmark.run)."""
+    methods: list[str] = field(default_factory=list)
+    """Methods, as in methods=[paper,towards] (see benchmark.run); empty for those that need no more of the arm than a
+    field and act in a task of the suite."""
     points: int = 9
     """Most scales of a method besides off, each twice the one before; from 1 to 16."""
     seeds: list[int] = field(default_factory=lambda: [42, 43, 44])
@@ -53,7 +54,9 @@ class ChooseScalesConfig:
     energy: EnergyConfig = field(default_factory=EnergyConfig)
 
     def __post_init__(self) -> None:
-        for name in self.methods or ["[]"]:
+        tasks = [chosen_task(name) for name in tasks_of(suite_conditions(self.suite))]
+        self.methods = self.methods or [name for name in SWEPT if not all(unfit(name, task) for task in tasks)]
+        for name in self.methods:
             check_choice("methods", name, GUIDED)
         check_setting(1 <= self.points <= 16, "points", self.points, "a whole number from 1 to 16")
         check_folder(self.scales_dir, "scales_dir")

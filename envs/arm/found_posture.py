@@ -4,7 +4,6 @@ A branch is a way of holding the tool that no small movement turns into another:
 shoulder ahead or behind. An arm of seven joints has a range of postures in each.
 """
 
-import hashlib
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ from jaxtyping import Bool, Float, Int
 from envs.arm.feasibility import followed
 from envs.arm.placed_arm import PlacedArm, rounded_posture
 from envs.arm.task_poses import TaskPoses
+from richmap.cache import made_from
 from richmap.given_files import given_json
 from richmap.motion.collision import self_collision
 from richmap.motion.ground import lowest_points
@@ -44,8 +44,7 @@ def find_posture(arm: PlacedArm, poses: TaskPoses) -> PlacedArm:
         ValueError: If it cannot hold its tool upright over the task's start.
     """
     asked = {name: value for name, value in asdict(poses).items() if name != "branch" and value is not None}
-    inputs = arm.numbers() | {"poses": asked, "version": VERSION}
-    key = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
+    key = made_from(arm.numbers() | {"poses": asked}, VERSION)
     file = Path(platformdirs.user_cache_dir("richmap"), "postures", f"{arm.robot}-{key[:16]}.json")
     if not file.exists():
         posture = rounded_posture(best_posture(arm, poses))

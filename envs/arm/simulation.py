@@ -203,8 +203,6 @@ class ArmSimulation(ManipulationEnv):
         mujoco.mj_kinematics(model, data)
         if not np.isfinite(data.qpos).all():
             raise FloatingPointError(f"The physics diverged at {data.time:.1f} s; joint targets {action} rad.")
-        self.timestep += 1
-        self.cur_time += self.control_timestep
         return OrderedDict(), 0.0, False, {}
 
     def close(self) -> None:
@@ -231,10 +229,6 @@ class ArmSimulation(ManipulationEnv):
     def tool_tilt(self) -> float:
         """Angle between the tool and the vertical, in [rad]."""
         return float(np.arccos(min(1.0, -self.mj_data.xmat[self.flange, 8])))
-
-    def reward(self, action: Float[np.ndarray, " dof"] | None = None) -> float:
-        """None of its own: what counts is the task's to say."""
-        return 0.0
 
 
 Kind = Callable[[PlacedArm, np.ndarray, bool], ArmSimulation]

@@ -12,8 +12,8 @@ from envs.block_push.failure import CAUSES
 from envs.block_push.outcome import EpisodeOutcome, summarize
 from envs.block_push.scene import draw_scene
 from envs.block_push.workspace import DESCRIPTION, HEIGHT, POSES, SPACING, WORKSPACE
-from envs.demonstrator import Demonstrator, EpisodeRequest, Step
-from envs.task import Change, Controller, Score, Task, Trait, acting_on_dict, make_environment
+from envs.demonstrator import Demonstrator
+from envs.task import Change, Controller, Later, Score, Task, Trait, acting_on_dict, make_environment
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
 
@@ -42,32 +42,11 @@ def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
     )
 
 
-def model(arm: Any) -> Any:
-    """`envs.block_push.model.PushModel`."""
-    from envs.block_push.model import PushModel
-
-    return PushModel(arm)
-
-
 def holding(arm: Any, in_branch: Any = None) -> Any:
     """`envs.block_push.holding.HoldingAmong`, or `MappedAmong` by a map."""
     from envs.block_push.holding import MappedAmong, holding_among
 
     return holding_among(arm) if in_branch is None else MappedAmong(arm, in_branch)
-
-
-def controller(arm: Any) -> Any:
-    """`envs.block_push.controller.PushController`."""
-    from envs.block_push.controller import PushController
-
-    return PushController(arm)
-
-
-def demonstrate(asked: EpisodeRequest) -> list[Step]:
-    """`envs.block_push.demonstrator.play`."""
-    from envs.block_push.demonstrator import play
-
-    return play(asked)
 
 
 def far_target_first(episodes: Any) -> Any:
@@ -115,10 +94,10 @@ BLOCK_PUSH = Task(
         ENVIRONMENTS["xarm6"],
         kinds=(("noise", 0.2), ("bursts", 0.35), ("wide", 0.25), ("crowded", 0.1)),
         episodes=1000,
-        play=demonstrate,
+        play=Later("envs.block_push.demonstrator:play"),
     ),
-    model=model,
-    controller=controller,
+    model=Later("envs.block_push.model:PushModel"),
+    controller=Later("envs.block_push.controller:PushController"),
     holding=holding,
     shows_pictures=True,
     has_obstacles=True,

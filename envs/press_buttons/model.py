@@ -84,7 +84,7 @@ class PressModel:
         """Where the joints are now, in [rad], by where the tool is seen and where they were a step ago."""
         kinematics, q = self._kinematics, joints.copy()
         if kinematics is not None:
-            seen = state[PRESS_BUTTONS_SPACE.state["tool"]]
+            seen = state[TOOL]
             rotation, work = np.zeros((3, 3)), np.empty((4 * len(q) + 16, 6))
             follow(kinematics.tool, q, seen[:3].copy(), seen[3:].copy(), rotation, work)
         return q

@@ -8,24 +8,17 @@ import gymnasium
 from envs import PRESS_BUTTONS as PRESS_BUTTONS_ID
 from envs import PRESS_BUTTONS_ENVIRONMENTS
 from envs.arm.control import CONTROL_FREQUENCY
-from envs.demonstrator import Demonstrator, EpisodeRequest, Step
+from envs.demonstrator import Demonstrator
 from envs.press_buttons.failure import CAUSES
 from envs.press_buttons.outcome import PressOutcome, summarize
 from envs.press_buttons.workspace import DESCRIPTION, MAX_EPISODE_STEPS, POSES
-from envs.task import Change, Controller, Score, Task, Trait, acting_on_dict, make_environment
+from envs.task import Change, Controller, Later, Score, Task, Trait, acting_on_dict, make_environment
 from richmap.task_spaces.press_buttons import PRESS_BUTTONS_SPACE
 
 
 def make(arm: Any, render_mode: str | None = None, picture: tuple[int, int] | None = None) -> gymnasium.Env:
     """The environment on an arm (`envs.task.make_environment`)."""
     return make_environment(PRESS_BUTTONS_ID, arm, render_mode, picture)
-
-
-def draw_scene(seed: int) -> Any:
-    """`envs.press_buttons.scene.draw_scene`, whose kinematics take a while to load."""
-    from envs.press_buttons import scene
-
-    return scene.draw_scene(seed)
 
 
 def plain_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
@@ -41,27 +34,6 @@ def aware_oracle(arm: Any) -> Callable[[dict[str, Any]], Controller]:
 
     choose = aware_pair(arm)
     return lambda info: acting_on_dict(PRESS_BUTTONS_SPACE, Oracle(choose(info)))
-
-
-def model(arm: Any) -> Any:
-    """`envs.press_buttons.model.PressModel`."""
-    from envs.press_buttons.model import PressModel
-
-    return PressModel(arm)
-
-
-def controller(arm: Any) -> Any:
-    """`envs.press_buttons.controller.PressController`."""
-    from envs.press_buttons.controller import PressController
-
-    return PressController(arm)
-
-
-def demonstrate(asked: EpisodeRequest) -> list[Step]:
-    """`envs.press_buttons.demonstrator.play`."""
-    from envs.press_buttons.demonstrator import play
-
-    return play(asked)
 
 
 def pressed_wrongly(episodes: Any) -> Any:
@@ -80,7 +52,7 @@ PRESS_BUTTONS = Task(
     max_episode_steps=MAX_EPISODE_STEPS,
     control_frequency=CONTROL_FREQUENCY,
     poses=POSES,
-    draw_scene=draw_scene,
+    draw_scene=Later("envs.press_buttons.scene:draw_scene"),
     outcome=PressOutcome,
     summarize=summarize,
     success="p2",
@@ -101,13 +73,13 @@ PRESS_BUTTONS = Task(
     ),
     plain_oracle=plain_oracle,
     aware_oracle=aware_oracle,
-    model=model,
-    controller=controller,
+    model=Later("envs.press_buttons.model:PressModel"),
+    controller=Later("envs.press_buttons.controller:PressController"),
     demonstrator=Demonstrator(
         PRESS_BUTTONS_ENVIRONMENTS["xarm6"],
         kinds=(("noise", 0.2), ("bursts", 0.4), ("shown", 0.2)),
         episodes=2500,
-        play=demonstrate,
+        play=Later("envs.press_buttons.demonstrator:play"),
     ),
     shows_pictures=True,
     has_obstacles=True,

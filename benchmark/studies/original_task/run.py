@@ -15,7 +15,7 @@ from benchmark.settings.config import RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_folder
 from benchmark.settings.robot_config import SOURCE, RobotConfig
-from benchmark.settings.setting import SettingError, check_choice, check_setting
+from benchmark.settings.setting import SettingError, check_choice, check_counts, check_setting
 from benchmark.studies.original_task.rule import FIRST_LAMBDAS, FIRST_X, LAMBDAS, PAPER
 
 if TYPE_CHECKING:
@@ -70,8 +70,7 @@ class OriginalTaskConfig:
         check_setting({*self.lambdas} <= {*LAMBDAS}, "lambdas", self.lambdas, ", ".join(f"{x:g}" for x in LAMBDAS))
         check_setting(1 <= self.scenes <= SCENES, "scenes", self.scenes, f"a whole number from 1 to {SCENES}")
         check_choice("device", self.device, ("cpu", "cuda"))
-        for name in ("threads", "workers"):
-            check_setting(getattr(self, name) >= 1, name, getattr(self, name), "a whole number >= 1")
+        check_counts(self, "threads", "workers")
         check_folder(self.output_dir)
 
     @property
@@ -223,7 +222,6 @@ def moved_field(config: OriginalTaskConfig, robot: str, x: float, console: "Cons
             load_robot(robot), (0.0, 0.0, 0.0), MapConfig(), EnergyConfig(), config.workers, console
         )
         about = {**common.about, "fingerprint": f"{common.about['fingerprint']} moved by {x:g} m"}
-        file.parent.mkdir(parents=True, exist_ok=True)
         EnergyField(common.grid.moved(np.array([-x, 0.0, 0.0])), common.values, about).save(file)
     return file
 
