@@ -315,6 +315,7 @@ METHODS = {
             first=1.0,
             counts=True,
             imagines=True,
+            task="press_buttons",
             avoids=True,
             also_needs=("arm's description",),
         ),
