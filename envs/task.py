@@ -25,7 +25,7 @@ class Later:
     """A function or class by its place, which is imported when it is called."""
 
     place: str
-    """As `module:name`."""
+    """Module and name with a colon between them (`pkgutil.resolve_name`)."""
 
     def __call__(self, *args: Any) -> Any:
         return resolve_name(self.place)(*args)
