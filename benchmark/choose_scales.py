@@ -13,7 +13,7 @@ def main(config: ChooseScalesConfig) -> None:
     from richmap.progress import plain_console
 
     console = plain_console()
-    for method in config.methods:
+    for method in config.methods or []:
         for run in config.runs(method):
             console.print(f"{method} in {run.task}: {config.budget_text(run)}")
             chosen = choose(config, run, console)

@@ -22,7 +22,7 @@ type OracleOnArm = Callable[[Any], Callable[[dict[str, Any]], Controller]]
 
 @dataclass(frozen=True)
 class Later:
-    """A function or class by its place, which is imported when it is called."""
+    """A function or class by its place, which is imported when it is called, with positional arguments."""
 
     place: str
     """Module and name with a colon between them (`pkgutil.resolve_name`)."""

@@ -38,8 +38,10 @@ def _sort_header(file: Path) -> None:
         length = int.from_bytes(opened.read(8), "little")
         header = json.loads(opened.read(length))
         header["__metadata__"] = dict(sorted(header["__metadata__"].items()))
+        text = json.dumps(header, ensure_ascii=False, separators=(",", ":")).encode()
+        assert len(text) <= length  # The same text in another order: what follows stays where it is.
         opened.seek(8)
-        opened.write(json.dumps(header, ensure_ascii=False, separators=(",", ":")).encode().ljust(length))
+        opened.write(text.ljust(length))
 
 
 @contextmanager

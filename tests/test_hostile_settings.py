@@ -30,7 +30,7 @@ REFUSED = {
         "wandb.mode=offline wandb.folder=", "wandb.mode=offline wandb.folder=/proc/x", "energy.smoothing=nan",
         "seed_start=4294967296", "episodes=2 seed_start=99999", "seed=-1", "arm.base=[1,2]", "arm.base=[nan,0,0]",
         "arm.base=[a,0,0]", "arm.base={x:1}", "seeds=[a]", "seeds=[1.5]", "seeds={a:1}", "seeds=[{a:1}]", "seeds=[[1]]",
-        "workers={a:1}", "workers=[1]",
+        "workers={a:1}", "workers=[1]", "robot=custom robot.path={a:1}", "robot=custom robot.ignore=[[{a:1},b]]",
     ],
     "build_maps": [
         "output=/dev/null", "output=/", "output=.", "output=", "output=/proc/x", "output=~", "output=~/x",
@@ -59,6 +59,7 @@ REFUSED = {
         "scale=[0.1,1e300]", "scale=[.nan]", "scale=[{a:1}]", "methods=[]", "methods=[{a:1}]", "methods=[paper,paper]",
         "seeds=[42,42]", "points=1000",
     ],
+    "choose_scales": ["methods=[]", "methods=[nothing]", "points=0", "suite=nothing"],
     "source_policies": ["seeds=[]", "seeds=[42,42]", "candidates=[]"],
     "studies.learned_energy": ["seed=-1", "widths=[]", "widths=[0]", "widths=[100000]", "poses=1000000000", "steps=0"],
     "map_quality.verify_maps": ["maps=[]", "maps=[richmap,richmap]"],

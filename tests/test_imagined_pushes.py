@@ -247,3 +247,12 @@ def test_any_arm_is_imagined(name, choices):
     np.testing.assert_allclose(commanded, np.add(state[:2], [0.03, 0.06]), atol=1e-9)
     np.testing.assert_allclose(effector, commanded, atol=2e-3)
     assert (episode.achieved(0) == (0, 0)) == bool(arm.obstacles)
+
+
+def test_to_end_those_that_are_stopped_changes_no_share(arm, monkeypatch):
+    model, scenes, found = PushModel(arm), [*map(draw_scene, range(52_000, 52_003))], []
+    for look in (10, 10**9):
+        monkeypatch.setattr("envs.block_push.model.LOOK", look)
+        environments = [model.opening(scene)[1] for scene in scenes]
+        found.append([model.shares(model.start(), seen, model.ways(seen), 2) for seen in environments])
+    assert np.array_equal(*found) and 0 < np.mean(found) < 1

@@ -64,9 +64,10 @@ def test_without_the_plugin_lerobots_own_error_says_what_to_import():
     assert import_module(named[1]).GuidedPushConfig is GuidedPushPolicy.config_class
 
 
-def test_a_checkpoint_that_says_the_short_name_is_the_same_policy(tmp_path):
+@pytest.mark.parametrize("files", [("config.json",), ("train_config.json",), ("config.json", "train_config.json")])
+def test_a_checkpoint_that_says_the_short_name_is_the_same_policy(files, tmp_path):
     old = copytree(SHIPPED[0], tmp_path / "old")
-    for name in ("config.json", "train_config.json"):
+    for name in files:
         text = (old / name).read_text()
         assert text.count('"lerobot_policy_guided_push"') == 1
         (old / name).write_text(text.replace('"lerobot_policy_guided_push"', '"guided_push"'))

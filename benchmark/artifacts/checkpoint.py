@@ -50,7 +50,7 @@ class Checkpoint:
     @property
     def type(self) -> str:
         """LeRobot's name of its type of policy; the short one of ours."""
-        return GUIDED if self._config["type"] == PLUGIN else self._config["type"]
+        return _short(self._config)["type"]
 
     @property
     def guidance_scale(self) -> float:
@@ -74,8 +74,8 @@ class Checkpoint:
         weights, *processors = [self.folder / WEIGHTS, *sorted(self.folder.glob("policy_*.safetensors"))]
         if pipes := [file for file in processors if not file.is_file()]:  # To open one would wait for its writer.
             raise SettingError(f"policy={self.folder}: {pipes[0].name} is no file. Copy the checkpoint again.")
-        trained = self._training.get("policy", {})
-        decides = {name: value for name, value in self._config.items() if name not in WHERE}
+        trained = _short(self._training.get("policy", {}))
+        decides = {name: value for name, value in _short(self._config).items() if name not in WHERE}
         changed = {name: value for name, value in decides.items() if trained.get(name, ...) != value}
         digest = sha256_of(weights)
         if not (changed or processors):
@@ -103,3 +103,8 @@ class Checkpoint:
     def _training(self) -> dict[str, Any]:
         file = self.folder / TRAINING
         return read_json(file) if file.exists() else {}
+
+
+def _short(config: dict[str, Any]) -> dict[str, Any]:
+    """A policy's config with the short name of our type."""
+    return config | {"type": GUIDED} if config.get("type") == PLUGIN else config

@@ -13,8 +13,8 @@ from benchmark.settings.limits import check_limits
 from benchmark.settings.setting import PYTHON_NAME, TYPED_NAME, Setting, SettingError, choices_of, settings_of, short
 
 MOST = sys.float_info.max
-NESTED = ("robot.ignore",)
-"""Lists of lists."""
+NESTED = ".ignore"
+"""How the names of lists of lists end."""
 
 
 def typed[Config](config: DictConfig, schema: type[Config]) -> Config:
@@ -62,14 +62,15 @@ def _check_kinds(values: Mapping[Any, Any], settings: dict[str, Setting], prefix
     """Refuse settings by name and lists where there is one value: OmegaConf takes some, or does not say where."""
     for key, value in values.items():
         name = prefix + TYPED_NAME.get(str(key), str(key))
-        about = settings.get(name)
-        if about is None:
-            if isinstance(value, Mapping):
+        about, named = settings.get(name), isinstance(value, Mapping)
+        if about is None or (named and about.choices):
+            if named:
                 _check_kinds(value, settings, f"{name}.")
             continue
-        named = isinstance(value, Mapping) and not about.choices and not isinstance(about.default, dict)
-        inner = value if isinstance(value, list | ListConfig) and name not in NESTED else ()
-        if named or any(isinstance(each, Mapping | list | ListConfig) for each in inner):
+        parts = value if isinstance(value, list | ListConfig) else ()
+        if name.endswith(NESTED):
+            parts = [part for each in parts for part in (each if isinstance(each, list | ListConfig) else [each])]
+        if named or any(isinstance(part, Mapping | list | ListConfig) for part in parts):
             raise SettingError(f"{name}={value} is not allowed. {name}: {short(about.text)}")
 
 

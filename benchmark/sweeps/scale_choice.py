@@ -33,8 +33,8 @@ class ChooseScalesConfig:
 
     suite: str = "push-v1"
     """On whose conditions (see benchmark.run)."""
-    methods: list[str] = field(default_factory=list)
-    """Methods, as in methods=[paper,towards] (see benchmark.run); empty for those that need no more of the arm than a
+    methods: list[str] | None = None
+    """Methods, as in methods=[paper,towards] (see benchmark.run); null for those that need no more of the arm than a
     field and act in a task of the suite."""
     points: int = 9
     """Most scales of a method besides off, each twice the one before; from 1 to 16."""
@@ -55,8 +55,9 @@ class ChooseScalesConfig:
 
     def __post_init__(self) -> None:
         tasks = [chosen_task(name) for name in tasks_of(suite_conditions(self.suite))]
-        self.methods = self.methods or [name for name in SWEPT if not all(unfit(name, task) for task in tasks)]
-        for name in self.methods:
+        if self.methods is None:
+            self.methods = [name for name in SWEPT if not all(unfit(name, task) for task in tasks)]
+        for name in self.methods or ["[]"]:
             check_choice("methods", name, GUIDED)
         check_setting(1 <= self.points <= 16, "points", self.points, "a whole number from 1 to 16")
         check_folder(self.scales_dir, "scales_dir")
