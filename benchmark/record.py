@@ -79,8 +79,8 @@ def _draw_rows(config: RecordConfig, console: "Console") -> None:
         SettingError: If there are none, or something that one was made with is not here.
     """
     from benchmark.episodes.table import read_tables
-    from benchmark.replay import chosen_rows
     from benchmark.rollouts.row_rollout import row_rollout
+    from benchmark.rollouts.stored_rows import chosen_rows
 
     replay = ReplayConfig(
         table=config.table, task=config.task, row=config.row, robot=config.robot, policy=config.policy,

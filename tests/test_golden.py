@@ -10,8 +10,8 @@ import pytest
 from rich.console import Console
 
 from benchmark.episodes.episode import Condition, plain, row_id
-from benchmark.replay import again
 from benchmark.rollouts.entry import Entry
+from benchmark.rollouts.stored_rows import again
 from benchmark.settings.replay_config import ReplayConfig
 from benchmark.settings.task import chosen_task
 

@@ -14,8 +14,8 @@ from lerobot.policies import make_policy, make_policy_config, make_pre_post_proc
 
 import benchmark
 from benchmark.episodes.episode import differences
-from benchmark.replay import row_rollout
 from benchmark.rollouts.rollout import _channels_first
+from benchmark.rollouts.row_rollout import row_rollout
 from benchmark.rollouts.stock_policy import StockPolicy
 from benchmark.settings.replay_config import ReplayConfig
 from benchmark.settings.setting import SettingError

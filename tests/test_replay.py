@@ -16,7 +16,8 @@ from benchmark.episodes.table import read_episodes, store_episodes
 from benchmark.rollouts import arm_oracle
 from benchmark.rollouts.field_settings import note_settings
 from benchmark.rollouts.make_rollout import make_rollout
-from benchmark.rollouts.row_rollout import row_settings
+from benchmark.rollouts.row_rollout import row_rollout, row_settings
+from benchmark.rollouts.stored_rows import chosen_rows
 from benchmark.settings.config import OracleConfig, RunConfig
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.replay_config import ReplayConfig
@@ -96,14 +97,14 @@ def test_a_row_is_picked_by_its_id_and_has_to_be_there(stored):
     named = row_id(table.iloc[1])
     for name in (named, named[:10]):
         for path in (stored, *(stored / "episodes").iterdir()):
-            (row,) = replay.chosen_rows(ReplayConfig(table=str(path), row=name)).to_dict("records")
+            (row,) = chosen_rows(ReplayConfig(table=str(path), row=name)).to_dict("records")
             assert row["episode_seed"] == table.episode_seed[1]
     with pytest.raises(SettingError, match="has no row 0123456789 of task=block_push: it has 2 rows of it"):
-        replay.chosen_rows(ReplayConfig(table=str(stored), row="0123456789"))
+        chosen_rows(ReplayConfig(table=str(stored), row="0123456789"))
     with pytest.raises(SettingError, match="Give row=<id>, or random="):
-        replay.chosen_rows(ReplayConfig(table=str(stored), random=2, row="0123456789"))
+        chosen_rows(ReplayConfig(table=str(stored), random=2, row="0123456789"))
     with pytest.raises(SettingError, match="has no episodes of task=block_push. Name another"):
-        replay.chosen_rows(ReplayConfig(table=str(stored / "nowhere"), random=1))
+        chosen_rows(ReplayConfig(table=str(stored / "nowhere"), random=1))
 
 
 def _joint(number, axis, xyz, rpy="0 0 0"):
@@ -175,14 +176,14 @@ def test_the_settings_of_a_field_are_found_beside_the_rows(tmp_path, monkeypatch
     part = Path("part.parquet")
     for table in (tmp_path, tmp_path / "guided", part.resolve(), part):
         table.touch() if table.suffix else table.mkdir(exist_ok=True)
-        assert replay.row_rollout(row, ReplayConfig(table=str(table)), Console(quiet=True)).field == rollout.field
+        assert row_rollout(row, ReplayConfig(table=str(table)), Console(quiet=True)).field == rollout.field
     (noted,) = tmp_path.glob("guided/fields/*.json")
     noted.write_text(noted.read_text().replace('"step": 0.3', '"step": 0.4'))  # Gives another field.
     with pytest.raises(SettingError, match="was guided by the field"):
-        replay.row_rollout(row, ReplayConfig(table=str(tmp_path)), Console(quiet=True))
+        row_rollout(row, ReplayConfig(table=str(tmp_path)), Console(quiet=True))
     noted.write_text(noted.read_text()[:100])
     with pytest.raises(SettingError, match="is damaged"):
-        replay.row_rollout(row, ReplayConfig(table=str(tmp_path)), Console(quiet=True))
+        row_rollout(row, ReplayConfig(table=str(tmp_path)), Console(quiet=True))
 
 
 @pytest.mark.parametrize("method", ["reorder_by_map", "reorder_by_branch", "reorder_through_map"])
