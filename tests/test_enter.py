@@ -19,7 +19,6 @@ from rich.console import Console
 from benchmark import enter
 from benchmark.artifacts import known_policies
 from benchmark.artifacts.known_policies import RESULTS, checkpoint_folder
-from benchmark.enter import EnterConfig
 from benchmark.episodes.arm import chosen_arm
 from benchmark.episodes.checked_rows import read_checked
 from benchmark.episodes.episode import Episode, as_frame
@@ -30,6 +29,8 @@ from benchmark.rollouts.entry import Entry
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.scoring.ranking import counted, protocols_of
 from benchmark.settings.setting import SettingError
+from benchmark.sweeps import enter_config
+from benchmark.sweeps.enter_config import EnterConfig
 from envs.block_push.outcome import EpisodeOutcome
 from envs.block_push.scene import draw_scene
 from envs.block_push.task import BLOCK_PUSH
@@ -444,8 +445,8 @@ def test_the_hash_is_of_names_and_contents_and_of_nothing_that_python_leaves(tmp
 @pytest.fixture
 def small_suite(monkeypatch):
     """The full suite with one scene."""
-    monkeypatch.setattr(enter, "suite_scenes", lambda name: range(160_000, 160_001))
-    monkeypatch.setattr(enter, "SUITE_EPISODES", 1)
+    monkeypatch.setattr(enter_config, "suite_scenes", lambda name: range(160_000, 160_001))
+    monkeypatch.setattr(enter_config, "SUITE_EPISODES", 1)
 
 
 def on_suite(entry, output, **values):

@@ -12,12 +12,12 @@ import pytest
 import torch
 
 from benchmark import enter
-from benchmark.enter import EnterConfig
 from benchmark.episodes.table import read_episodes
 from benchmark.rollouts import guest
 from benchmark.rollouts.guest import host
 from benchmark.rollouts.guidance_class import GuidanceClass
 from benchmark.settings.setting import SettingError
+from benchmark.sweeps.enter_config import EnterConfig
 
 pytestmark = pytest.mark.system
 

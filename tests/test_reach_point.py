@@ -10,7 +10,6 @@ from rich.console import Console
 
 from benchmark import enter, leaderboard, oracle, replay, show
 from benchmark.artifacts.known_policies import chosen_checkpoint
-from benchmark.enter import EnterConfig
 from benchmark.episodes.episode import row_id
 from benchmark.episodes.parts import parts_in
 from benchmark.episodes.table import read_episodes
@@ -22,6 +21,7 @@ from benchmark.settings.config import OracleConfig, RunConfig
 from benchmark.settings.replay_config import ReplayConfig
 from benchmark.settings.robot_config import ArmConfig, RobotConfig
 from benchmark.settings.setting import SettingError
+from benchmark.sweeps.enter_config import EnterConfig
 from tests.reach_point import MOST_STEPS, REACH_POINT, save_policy
 
 TASK = "tests.reach_point:REACH_POINT"
