@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmark import check
 from benchmark.artifacts.pose_files import QUATERNION, PoseColumns, PoseFileError, read_poses
-from benchmark.check import BaseConfig, CheckConfig
+from benchmark.settings.check_config import BaseConfig, CheckConfig
 from benchmark.settings.robot_config import RobotConfig
 from benchmark.settings.setting import SettingError
 from richmap.motion.kinematics import flange_frames
