@@ -1,6 +1,7 @@
 """What a check of a path comes to, in words."""
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -20,25 +21,38 @@ def in_words(done: PathCheck, source: str) -> str:
         f"Pose by pose, without a way between them, it reaches {_percent(done.reachable.mean())} of the steps, and all "
         f"poses of {_percent(done.episodes_reachable)} of the episodes.",
     ]
+    return "\n".join([*lines, *_losses(done), *_assumed_speeds(done), *_of_maps(done, source)])
+
+
+def _losses(done: PathCheck) -> Iterator[str]:
+    """Each reason for which steps are lost, how many, and where first."""
     for reason in Reason:
         stretches = [lost for lost in done.lost if lost.reason == reason]
-        if stretches:
-            first = stretches[0]
-            place = ", ".join(f"{x:.3f}" for x in first.position)
-            about = f": {first.about}" if first.about else ""
-            steps, of = sum(lost.steps for lost in stretches), len({lost.episode for lost in stretches})
-            lines.append(
-                f"  {reason.words}: {number_of('step', steps)} ({100 * steps / n:.1f} %) in "
-                f"{number_of('episode', of)}; first in episode {first.episode}, step {first.step}, "
-                f"at ({place}) m{about}"
-            )
+        if not stretches:
+            continue
+        first = stretches[0]
+        place = ", ".join(f"{x:.3f}" for x in first.position)
+        about = f": {first.about}" if first.about else ""
+        steps, of = sum(lost.steps for lost in stretches), len({lost.episode for lost in stretches})
+        yield (
+            f"  {reason.words}: {number_of('step', steps)} ({100 * steps / len(done.reason):.1f} %) in "
+            f"{number_of('episode', of)}; first in episode {first.episode}, step {first.step}, at ({place}) m{about}"
+        )
+
+
+def _assumed_speeds(done: PathCheck) -> Iterator[str]:
+    """The joints whose speed the description leaves open, and what is taken."""
     assumed = [name for name, stated in zip(done.robot.joints, done.robot.speeds, strict=True) if np.isinf(stated)]
     if assumed:
         speed = done.speeds[np.isinf(done.robot.speeds)][0]
-        lines.append(f"The description states no speed of {', '.join(assumed)}: {speed:.2f} rad/s is taken (speed=).")
+        yield f"The description states no speed of {', '.join(assumed)}: {speed:.2f} rad/s is taken (speed=)."
+
+
+def _of_maps(done: PathCheck, source: str) -> Iterator[str]:
+    """What maps say of the steps, where there are maps."""
     if done.mapped is not None:
         too_much, too_little = done.map_errors()
-        lines.append(
+        yield (
             f"The map calls {_percent(done.mapped.mean())} of the steps reachable. Against inverse kinematics on "
             f"these poses: of what is unreachable it calls {_percent(too_much)} reachable, of what is reachable "
             f"{_percent(too_little)} unreachable."
@@ -46,11 +60,10 @@ def in_words(done: PathCheck, source: str) -> str:
     if done.mmd is not None:
         known = done.mmd[~np.isnan(done.mmd)]
         said = f"mean {known.mean():.3f}, most {known.max():.3f}" if len(known) else "nowhere do both have directions"
-        lines.append(
+        yield (
             f"MMD against {source} along the path (0 for equal sets, at most 1.41), {number_of('step', len(known))}: "
             f"{said}."
         )
-    return "\n".join(lines)
 
 
 def base_in_words(found: BaseSearch, done: PathCheck) -> str:
