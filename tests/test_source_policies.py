@@ -6,7 +6,7 @@ import pytest
 from benchmark.artifacts.known_policies import CHECKPOINTS, of_task
 from benchmark.settings.config import WandbConfig
 from benchmark.settings.setting import SettingError
-from benchmark.source_policies import SourcePoliciesConfig, log_validation, markdown, publish, ranking, trainings
+from benchmark.sweeps.candidates import SourcePoliciesConfig, log_validation, markdown, publish, ranking, trainings
 
 
 def candidates(folder, *scores):
