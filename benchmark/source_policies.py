@@ -4,6 +4,7 @@ python -m benchmark.source_policies
 """
 
 from benchmark.settings.command import run_command
+from benchmark.settings.task import chosen_task
 from benchmark.sweeps.candidates import (
     SourcePoliciesConfig,
     log_validation,
@@ -23,7 +24,7 @@ def main(config: SourcePoliciesConfig) -> None:
 
     console = plain_console()
     train_all(trainings(config), config.workers)
-    table = ranking(validate(config, console), config.best, config.recipe)
+    table = ranking(validate(config, console), chosen_task(config.task), config.best, config.recipe)
     publish(table, config)
     log_validation(table, config)
     with replacing(config.folder / "candidates.md") as path:

@@ -13,6 +13,7 @@ from benchmark.settings.recipe import USUAL, check_recipe, policy_name
 from benchmark.settings.robot_config import RobotConfig
 from benchmark.settings.scenes import check_scenes
 from benchmark.settings.setting import SettingError, check_choice, check_counts, check_setting
+from benchmark.settings.task import chosen_task
 from benchmark.training.demonstration_recipe import CollectConfig
 from benchmark.training.recipes import MADE_BY
 from benchmark.training.trainer import TrainConfig
@@ -20,6 +21,8 @@ from benchmark.training.trainer import TrainConfig
 if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
+
+    from envs.task import Task
 
 
 @dataclass
@@ -121,19 +124,24 @@ def validate(config: SourcePoliciesConfig, console: "Console") -> "pd.DataFrame"
     ]
     rollouts = [make_rollout(run, 0.0, Path(str(candidate["path"])), console) for candidate in candidates]
     tables = play_and_store(rollouts, run, console, f"{len(rollouts)} candidates")
+    task = chosen_task(config.task)
+    names = sorted({*task.score_names, task.success})
     return pd.DataFrame(
         [
             {**candidate, "hash": rollout.condition.checkpoint_hash, "n": len(table), "length": table.length.mean()}
-            | {name: table[name].astype(float).mean() for name in ("p1", "p2", "score", "success_at_end")}
+            | {name: table[name].astype(float).mean() for name in names}
             for candidate, rollout, table in zip(candidates, rollouts, tables, strict=True)
         ]
     )
 
 
-def ranking(candidates: "pd.DataFrame", best: int, recipe: str = USUAL) -> "pd.DataFrame":
-    """Each seed's candidates by p2, then score, then shortness; the best get their name in the column `checkpoint`."""
+def ranking(candidates: "pd.DataFrame", task: "Task", best: int, recipe: str = USUAL) -> "pd.DataFrame":
+    """Each seed's candidates by the task's `headline`, then shortness; the best get their name in the column
+    `checkpoint`."""
     table = candidates.sort_values(
-        ["seed", "p2", "score", "length", "step"], ascending=[True, False, False, True, False], ignore_index=True
+        ["seed", *task.headline, "length", "step"],
+        ascending=[True, *[False] * len(task.headline), True, False],
+        ignore_index=True,
     )
     rank = table.groupby("seed").cumcount() + 1
     named = [policy_name(recipe, *of_row) if of_row[1] <= best else "" for of_row in zip(table.seed, rank, strict=True)]
@@ -162,11 +170,14 @@ def publish(table: "pd.DataFrame", config: SourcePoliciesConfig) -> None:
 
 def _measured(row: Any, config: SourcePoliciesConfig) -> str:
     """What the card says of a chosen checkpoint."""
-    last = config.seed_start + row.n - 1
+    last, task = config.seed_start + row.n - 1, chosen_task(config.task)
+    done, lasting = round(getattr(row, task.success) * row.n), ""
+    if "success_at_end" in task.score_names:
+        lasting = f", still there one second later in {round(row.success_at_end * row.n)}"
     return (
         f"\nChosen among {len(config.candidates)} candidates of its training seed, on the xArm6, validation seeds "
-        f"{config.seed_start} to {last}:\ndone (p2) in {round(row.p2 * row.n)} of {row.n} episodes, "
-        f"{row.length:.0f} steps on average, still there one second later in {round(row.success_at_end * row.n)}.\n"
+        f"{config.seed_start} to {last}:\ndone ({task.success}) in {done} of {row.n} episodes, "
+        f"{row.length:.0f} steps on average{lasting}.\n"
     )
 
 
@@ -174,10 +185,11 @@ def log_validation(table: "pd.DataFrame", config: SourcePoliciesConfig) -> None:
     """Validation scores and the published checkpoints, one W&B run per seed."""
     from benchmark.artifacts.wandb_run import log_checkpoint, start_experiment
 
+    names = chosen_task(config.task).headline
     for seed, rows in table.groupby("seed"):
         with start_experiment(config.wandb, f"seed{seed}", str(config.folder), "validate", asdict(config)) as run:
             for row in rows.sort_values("step").itertuples():
-                run.log({"validation/p2": row.p2, "validation/score": row.score}, step=row.step)
+                run.log({f"validation/{name}": getattr(row, name) for name in names}, step=row.step)
             for name in rows.checkpoint[rows.checkpoint != ""]:
                 log_checkpoint(run, config.folder / name)
 
@@ -190,7 +202,8 @@ def markdown(table: "pd.DataFrame", config: SourcePoliciesConfig) -> str:
     from benchmark.scoring.scores import with_interval
     from benchmark.scoring.statistics import rate_interval
 
-    names = ("p1", "p2", "score", "success_at_end")
+    task = chosen_task(config.task)
+    names, rank = sorted(task.score_names), ", then ".join([*task.headline, "length"])
     shown = table.assign(length=table.length.round(1), hash=table.hash.str[:12])
     for name in names:
         bounds = [rate_interval(np.full(n, mean)) for mean, n in zip(table[name], table.n, strict=True)]
@@ -204,7 +217,7 @@ def markdown(table: "pd.DataFrame", config: SourcePoliciesConfig) -> str:
             "",
             f"Made by `{command}`, commit {commit()}.",
             f"xArm6, setting embodied, validation seeds {config.seed_start} to {last}; percent with 95 % Wilson",
-            "intervals. The best of each seed by p2, then score, then length are published under `checkpoint`. Their",
+            f"intervals. The best of each seed by {rank} are published under `checkpoint`. Their",
             "figures here are those of a choice, hence too good: test seeds decide.",
             "",
             shown[["seed", "step", "checkpoint", "n", *names, "length", "hash"]].to_markdown(index=False),
