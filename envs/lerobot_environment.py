@@ -2,14 +2,15 @@
 
 from dataclasses import dataclass, field
 
+import gymnasium
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_IMAGE, OBS_STATE
 
-from envs import ENVIRONMENTS, MAX_EPISODE_STEPS, MAX_PRESS_STEPS, PRESS_BUTTONS, PRESS_BUTTONS_ENVIRONMENTS
+from envs import ENVIRONMENTS
 from envs.arm.control import CONTROL_FREQUENCY
-from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
-from richmap.task_spaces.press_buttons import PRESS_BUTTONS_SPACE
+from envs.tasks import TASKS
+from richmap.robots import SOURCE
 
 OBSERVED = {
     "environment_state_agent_pos": ("agent_pos", "environment_state"),
@@ -24,7 +25,7 @@ OBSERVED = {
 class GuidedPushEnvConfig(EnvConfig):
     """Which task, which arm, and what binds it (`envs.arm.place_arm`)."""
 
-    task: str | None = ENVIRONMENTS["xarm6"]
+    task: str | None = ENVIRONMENTS[SOURCE]
     """Gymnasium id, one of `envs.ENVIRONMENTS` or `envs.PRESS_BUTTONS_ENVIRONMENTS`; or `envs.BLOCK_PUSH` or
     `envs.PRESS_BUTTONS` with `robot`."""
     robot: str | None = None
@@ -57,10 +58,13 @@ class GuidedPushEnvConfig(EnvConfig):
     )
 
     def __post_init__(self) -> None:
-        presses = self.task in (PRESS_BUTTONS, *PRESS_BUTTONS_ENVIRONMENTS.values())
-        space = PRESS_BUTTONS_SPACE if presses else BLOCK_PUSH_SPACE
+        spec = gymnasium.spec(self.gym_id)
+        spaces = {f"envs.{task.name}.make:make": task.space for task in TASKS}
+        if spec.entry_point not in spaces:
+            raise ValueError(f"env.task={self.task} is none of our tasks, such as {ENVIRONMENTS[SOURCE]}.")
+        space = spaces[spec.entry_point]
         if self.episode_length is None:
-            self.episode_length = MAX_PRESS_STEPS if presses else MAX_EPISODE_STEPS
+            self.episode_length = spec.max_episode_steps
         size = (self.observation_height, self.observation_width, 3)
         seen = {
             "agent_pos": PolicyFeature(type=FeatureType.STATE, shape=(space.state.width,)),

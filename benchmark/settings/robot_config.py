@@ -6,13 +6,11 @@ from functools import cache, partial
 from typing import TYPE_CHECKING
 
 from benchmark.settings.setting import SettingError, check_choice, check_setting
-from richmap.robots import ROBOTS
+from richmap.robots import ROBOTS, SOURCE
 
 if TYPE_CHECKING:
     from richmap.robots.robot import RobotDescription
 
-SOURCE = "xarm6"
-"""The arm that policies are trained on; its base frame is the world frame."""
 SOURCE_IN_WORDS = "xArm6"
 """The same arm in a sentence."""
 

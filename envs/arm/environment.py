@@ -2,6 +2,8 @@
 
 import warnings
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import gymnasium
@@ -12,10 +14,12 @@ from jaxtyping import Float, UInt8
 
 from envs.arm.contact import ContactTime
 from envs.arm.control import CONTROL_FREQUENCY
+from envs.arm.place_arm import arm_or_named
 from envs.arm.placed_arm import PlacedArm
 from envs.arm.renderer import HEIGHT as PICTURE_HEIGHT
 from envs.arm.renderer import WIDTH as PICTURE_WIDTH
 from envs.arm.renderer import Renderer, check_size
+from envs.arm.task_poses import TaskPoses
 from richmap.task_spaces.task_space import TaskSpace
 
 with warnings.catch_warnings():
@@ -26,6 +30,10 @@ HOLD = 1.0
 """How long the command is held still after success before it is judged again, in [s]."""
 OBS_TYPES = ("state", "environment_state_agent_pos", "pixels", "pixels_agent_pos")
 """What an observation may be."""
+SEEN = ("obs_type", "render_mode") + tuple(
+    f"{kind}_{side}" for kind in ("observation", "visualization") for side in ("width", "height")
+)
+"""Arguments of an environment that say what is seen of it, and not what the arm is."""
 LEROBOT_BEGINS = "lerobot_new_rollout"
 """An option that `lerobot-eval` gives; it changes nothing here."""
 
@@ -42,6 +50,23 @@ def given_scene(options: Any) -> Any:
     if unknown := [*map(repr, options.keys() - {"scene", LEROBOT_BEGINS})]:
         raise ValueError(f"There is no option {', '.join(unknown)}. Options: scene")
     return options.get("scene")
+
+
+def on_arm[Env: "ArmEnv"](kind: type[Env], poses: TaskPoses, robot: str, arm: PlacedArm | None, given: Any) -> Env:
+    """An environment on an arm, or on the one of a name, placed as is given.
+
+    Args:
+        kind: Of environment.
+        poses: What its task asks of an arm.
+        robot: Name of an arm that ships.
+        arm: The arm itself instead.
+        given: A dict of what `ArmEnv` takes besides the arm, and of what `envs.arm.place_arm.place_arm` takes.
+
+    Raises:
+        ValueError: If one of these cannot be.
+    """
+    choices = {name: value for name, value in given.items() if name not in SEEN}
+    return kind(arm_or_named(arm, robot, poses, choices), **{name: given[name] for name in SEEN if name in given})
 
 
 Observation = Float[np.ndarray, " numbers"] | UInt8[np.ndarray, "height width 3"] | dict[str, np.ndarray]
@@ -70,6 +95,10 @@ class ArmEnv[Simulation: ArmSimulation](gymnasium.Env, ABC):
     """Of the task."""
     built: ClassVar[tuple[str, ...]]
     """Attributes that `_make_simulation` sets, which are made anew in a copy."""
+    _scene: Any
+    """Of the episode; it has `obstacles`."""
+    _arrived: np.ndarray
+    """Where the flange is told to be now, in [m]."""
 
     def __init__(
         self,
@@ -112,6 +141,45 @@ class ArmEnv[Simulation: ArmSimulation](gymnasium.Env, ABC):
     @abstractmethod
     def _advance(self) -> None:
         """Let a control step pass."""
+
+    def _begin(
+        self,
+        seed: int | None,
+        options: Any,
+        checked: Callable[[Any, int], Any],
+        draw: Callable[[int], Any],
+        draw_obstacles: Callable[[int, int], Any],
+    ) -> Any:
+        """The scene of the episode that begins: `options["scene"]`, checked, or that of the seed, with the arm's
+        obstacles."""
+        scene = given_scene(options)
+        given = None if scene is None else checked(scene, self.arm.obstacles)
+        super().reset(seed=seed)
+        self._contact.reset()
+        self._steps = 0
+        if given is not None:
+            return given
+        seed = int(self.np_random.integers(2**31)) if seed is None else seed
+        drawn = draw(seed)
+        return replace(drawn, obstacles=draw_obstacles(seed, self.arm.obstacles)) if self.arm.obstacles else drawn
+
+    def _arm_info(self) -> dict[str, Any]:
+        """What infos of all tasks say of the arm, what it touched and the time."""
+        joints, touched = self._running.joint_angles, self._contact.touched
+        return {
+            "success_at_end": False,
+            "step": self._steps,
+            "commanded": self._arrived.copy(),
+            "flange": self._running.flange_xyz,
+            "base": np.array(self.arm.base),
+            "joint_limits": self.arm.joint_limits,
+            "joint_limit_margin": float(np.minimum(joints - self._lower, self._upper - joints).min()),
+            "self_contact": touched.itself,
+            "table_contact": touched.table,
+            "obstacle_contact": touched.obstacle,
+            "obstacles": self._scene.obstacles.copy(),
+            "stopped": self._contact.stopped,
+        }
 
     def _build(self) -> None:
         """Make what is not copied: kinematics, simulation, and no renderer yet."""

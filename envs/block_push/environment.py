@@ -2,21 +2,19 @@
 
 import math
 import warnings
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from jaxtyping import Bool, Float
 
-from envs import MAX_EPISODE_STEPS
-from envs.arm.environment import ArmEnv, Observation, given_scene
+from envs.arm.environment import ArmEnv, Observation
 from envs.arm.inverse_kinematics import Posture
 from envs.arm.placed_arm import start_posture
 from envs.block_push.obstacles import draw_obstacles
 from envs.block_push.scene import Scene, checked_scene, draw_scene
 from envs.block_push.success import both_placed, inside, rewards, score
-from envs.block_push.workspace import DESCRIPTION, HEIGHT, LEASH, MAX_STEP, POSES, WORKSPACE
+from envs.block_push.workspace import DESCRIPTION, HEIGHT, LEASH, MAX_EPISODE_STEPS, MAX_STEP, POSES, WORKSPACE
 from richmap.task_spaces.block_push import AT, BLOCK_PUSH_SPACE, BLOCKS, START, TARGETS
 
 with warnings.catch_warnings():
@@ -53,19 +51,7 @@ class BlockPushEnv(ArmEnv[BlockPushSimulation]):
     after which `info["success_at_end"]` tells whether both are still in and the arm was not stopped; the observation
     is from before that second.
 
-    A copy, or one that went through pickle, goes on as the original would, to the last bit.
-
-    Args:
-        arm: The arm, as it stands (`envs.block_push.make` makes it of a name).
-        obs_type: One of `OBS_TYPES`.
-        render_mode: None or `rgb_array`.
-        observation_width: Of the picture that is observed, in pixels.
-        observation_height: Likewise.
-        visualization_width: Of the picture that `render` gives, in pixels.
-        visualization_height: Likewise.
-
-    Raises:
-        ValueError: If one of these cannot be.
+    It takes what `envs.arm.environment.ArmEnv` takes; `envs.block_push.make` makes the arm of a name.
     """
 
     task = "push-two-blocks"
@@ -97,16 +83,7 @@ class BlockPushEnv(ArmEnv[BlockPushSimulation]):
         Raises:
             ValueError: If there is another option, or the scene cannot be placed.
         """
-        scene = given_scene(options)
-        given = None if scene is None else checked_scene(scene, self.arm.obstacles)
-        super().reset(seed=seed)
-        if given is None:
-            seed = int(self.np_random.integers(2**31)) if seed is None else seed
-            given = draw_scene(seed)
-            if self.arm.obstacles:
-                given = replace(given, obstacles=draw_obstacles(seed, self.arm.obstacles))
-        scene = given
-        self._scene = scene
+        scene = self._scene = self._begin(seed, options, checked_scene, draw_scene, draw_obstacles)
         self._targets = np.stack([scene.target, scene.target2])
         self._command = np.array(scene.effector, dtype=float)
         self._underway = [self._command.copy()] * self._delay
@@ -114,8 +91,6 @@ class BlockPushEnv(ArmEnv[BlockPushSimulation]):
         self._posture = self._posture_over(scene)
         self._running.place(scene, self._posture.joints)
         self._been_inside = np.zeros((2, 2), dtype=bool)
-        self._contact.reset()
-        self._steps = 0
         state, info = self._state(), self._info((0.0, 0.0), self._inside())
         return self._observe(state), info
 
@@ -177,34 +152,20 @@ class BlockPushEnv(ArmEnv[BlockPushSimulation]):
 
     def _info(self, earned: tuple[float, float], now: Bool[np.ndarray, "2 2"]) -> dict[str, Any]:
         simulation = self._running
-        flange, blocks = simulation.flange_xyz, simulation.blocks_xyz
-        behind = flange[:2] - self._arrived
+        behind = simulation.flange_xyz[:2] - self._arrived
         p1, p2 = bool(self._been_inside.any()), both_placed(now) and not self._contact.stopped
-        joints = simulation.joint_angles
-        return {
+        return self._arm_info() | {
             "is_success": p2,
             "p1": p1,
             "p2": p2,
-            "success_at_end": False,
             "score": score(p1, p2),
             "reward_entry": earned[0],
             "reward_both": earned[1],
-            "step": self._steps,
             "mode": self._scene.mode,
-            "commanded": self._arrived.copy(),
-            "flange": flange,
-            "base": np.array(self.arm.base),
             "tracking_error": math.sqrt(behind.dot(behind)),
             "ik_residual": self._posture.residual,
-            "joint_limits": self.arm.joint_limits,
-            "joint_limit_margin": float(np.minimum(joints - self._lower, self._upper - joints).min()),
-            "self_contact": self._contact.touched.itself,
-            "table_contact": self._contact.touched.table,
-            "obstacle_contact": self._contact.touched.obstacle,
-            "obstacles": self._scene.obstacles.copy(),
-            "stopped": self._contact.stopped,
             "tool_tilt": simulation.tool_tilt,
-            "block_positions": blocks,
+            "block_positions": simulation.blocks_xyz,
             "block_tilt": simulation.blocks_tilt,
             "target_positions": self._targets[:, :2].copy(),
             "block_in_target": np.where(now.any(1), now.argmax(1), -1),

@@ -9,13 +9,12 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float
 
-from envs import MAX_EPISODE_STEPS
 from envs.arm.obstacles import Places
 from envs.arm.placed_arm import PlacedArm
 from envs.block_push.imagined import BLOCKS, SCENE, STATE, TARGETS, ImaginedPushes, Twin
 from envs.block_push.oracle import NEXT_TO_BLOCK, PLANS, Oracle
 from envs.block_push.scene import Scene
-from envs.block_push.workspace import HEIGHT
+from envs.block_push.workspace import HEIGHT, MAX_EPISODE_STEPS
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE, PLACED, START
 from richmap.task_spaces.way import Way
 

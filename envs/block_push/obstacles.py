@@ -14,10 +14,9 @@ from envs.block_push.arm import block_push_arm
 from envs.block_push.oracle import PRE_BLOCK
 from envs.block_push.scene import draw_scene
 from envs.block_push.workspace import CUBOIDS, HEIGHT, POSES
+from richmap.robots import SOURCE
 from richmap.task_spaces.block_push import START
 
-SOURCE = "xarm6"
-"""The arm whose ways stay free."""
 STEP = 0.02
 """Between points of these ways, in [m]."""
 OFF = 0.04

@@ -6,14 +6,15 @@ from typing import Any
 import gymnasium
 
 from envs import BLOCK_PUSH as BLOCK_PUSH_ID
-from envs import ENVIRONMENTS, MAX_EPISODE_STEPS
+from envs import ENVIRONMENTS
 from envs.arm.control import CONTROL_FREQUENCY
 from envs.block_push.failure import CAUSES
 from envs.block_push.outcome import EpisodeOutcome, summarize
 from envs.block_push.scene import draw_scene
-from envs.block_push.workspace import DESCRIPTION, HEIGHT, POSES, SPACING, WORKSPACE
+from envs.block_push.workspace import DESCRIPTION, HEIGHT, MAX_EPISODE_STEPS, POSES, SPACING, WORKSPACE
 from envs.demonstrator import Demonstrator
 from envs.task import Change, Controller, Later, Score, Task, Trait, acting_on_dict, make_environment
+from richmap.robots import SOURCE
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE
 
 
@@ -91,7 +92,7 @@ BLOCK_PUSH = Task(
     plain_oracle=plain_oracle,
     aware_oracle=aware_oracle,
     demonstrator=Demonstrator(
-        ENVIRONMENTS["xarm6"],
+        ENVIRONMENTS[SOURCE],
         kinds=(("noise", 0.2), ("bursts", 0.35), ("wide", 0.25), ("crowded", 0.1)),
         episodes=1000,
         play=Later("envs.block_push.demonstrator:play"),

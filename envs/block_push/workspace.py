@@ -6,6 +6,8 @@ from envs.arm.cuboid import Cuboid
 from envs.arm.task_poses import TaskPoses
 from richmap.task_spaces.block_push import BLOCK_PUSH_SPACE, START
 
+MAX_EPISODE_STEPS = 350
+"""Control steps, at 10 per second, after which an episode is cut off."""
 WORKSPACE = np.array([[0.15, -0.5], [0.7, 0.5]])
 """Box that the commanded effector is kept in, lower and upper xy in [m]."""
 MAX_STEP = 0.1

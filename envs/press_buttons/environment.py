@@ -1,14 +1,13 @@
 """Pressing buttons as a Gymnasium environment."""
 
 import warnings
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from jaxtyping import Float, UInt8
 
-from envs.arm.environment import ArmEnv, Observation, given_scene
+from envs.arm.environment import ArmEnv, Observation
 from envs.press_buttons.motion import counts, follow, keep_near, move
 from envs.press_buttons.obstacles import draw_obstacles
 from envs.press_buttons.scene import Scene, checked_scene, draw_scene
@@ -50,19 +49,7 @@ class PressButtonsEnv(ArmEnv[PressButtonsSimulation]):
     second passes with the command held still, after which `info["success_at_end"]` tells whether the arm was not
     stopped in it; the observation is from before that second.
 
-    A copy, or one that went through pickle, goes on as the original would, to the last bit.
-
-    Args:
-        arm: The arm, as it stands (`envs.press_buttons.make` makes it of a name).
-        obs_type: One of `OBS_TYPES`.
-        render_mode: None or `rgb_array`.
-        observation_width: Of the picture that is observed, in pixels.
-        observation_height: Likewise.
-        visualization_width: Of the picture that `render` gives, in pixels.
-        visualization_height: Likewise.
-
-    Raises:
-        ValueError: If one of these cannot be.
+    It takes what `envs.arm.environment.ArmEnv` takes; `envs.press_buttons.make` makes the arm of a name.
     """
 
     task = "press-two-buttons"
@@ -96,15 +83,7 @@ class PressButtonsEnv(ArmEnv[PressButtonsSimulation]):
         Raises:
             ValueError: If there is another option, or the scene cannot be placed.
         """
-        scene = given_scene(options)
-        given = None if scene is None else checked_scene(scene, self.arm.obstacles)
-        super().reset(seed=seed)
-        if given is None:
-            seed = int(self.np_random.integers(2**31)) if seed is None else seed
-            given = draw_scene(seed)
-            if self.arm.obstacles:
-                given = replace(given, obstacles=draw_obstacles(seed, self.arm.obstacles))
-        self._scene: Scene = given
+        self._scene: Scene = self._begin(seed, options, checked_scene, draw_scene, draw_obstacles)
         self._joints = self._kinematics.start.copy()
         simulation = self._running
         simulation.place(self._scene, self._joints)
@@ -113,8 +92,6 @@ class PressButtonsEnv(ArmEnv[PressButtonsSimulation]):
         self._arrived, self._solved = self._flange(self._command, self._direction), simulation.flange_xyz
         self._pressed, self._missed = np.zeros(BUTTONS, dtype=bool), np.zeros(BUTTONS, dtype=bool)
         self._last = -1
-        self._contact.reset()
-        self._steps = 0
         state, info = self._state(), self._info(0.0, 0.0)
         return self._observe(state), info
 
@@ -184,35 +161,23 @@ class PressButtonsEnv(ArmEnv[PressButtonsSimulation]):
 
     def _info(self, first: float, second: float) -> dict[str, Any]:
         simulation = self._running
-        flange, joints = simulation.flange_xyz, simulation.joint_angles
+        flange = simulation.flange_xyz
         pressed = int(self._pressed.sum())
         p1, p2 = pressed >= 1, pressed >= 2 and not self._contact.stopped
-        return {
+        return self._arm_info() | {
             "is_success": p2,
             "p1": p1,
             "p2": p2,
-            "success_at_end": False,
             "score": round(FIRST * p1 + SECOND * p2, 2),
             "reward_first": first,
             "reward_second": second,
-            "step": self._steps,
             "pair": self._scene.pair,
             "places": self._scene.places.copy(),
             "normals": self._scene.normals.copy(),
-            "commanded": self._arrived.copy(),
-            "flange": flange,
             "tip": simulation.tip,
             "approach": simulation.approach,
-            "base": np.array(self.arm.base),
             "tracking_error": float(np.linalg.norm(flange - self._arrived)),
             "ik_residual": float(np.linalg.norm(self._solved - self._arrived)),
-            "joint_limits": self.arm.joint_limits,
-            "joint_limit_margin": float(np.minimum(joints - self._lower, self._upper - joints).min()),
-            "self_contact": self._contact.touched.itself,
-            "table_contact": self._contact.touched.table,
-            "obstacle_contact": self._contact.touched.obstacle,
-            "obstacles": self._scene.obstacles.copy(),
-            "stopped": self._contact.stopped,
             "pressed": self._pressed.copy(),
             "missed": self._missed.copy(),
             "travel": simulation.travel,

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from envs.arm.place_arm import arm_or_named
+from envs.arm.environment import on_arm
 from envs.arm.placed_arm import PlacedArm
 from envs.press_buttons.environment import PressButtonsEnv
 from envs.press_buttons.workspace import POSES
@@ -20,11 +20,7 @@ def make(robot: str = "xarm6", arm: PlacedArm | None = None, **given: Any) -> Pr
     """
     if "tool_length" in given:
         raise ValueError(f"Buttons are pressed with a rod of {ROD} m, and take no tool_length. Leave it out.")
-    seen = ("obs_type", "render_mode") + tuple(
-        f"{kind}_{side}" for kind in ("observation", "visualization") for side in ("width", "height")
-    )
-    shown = {name: given.pop(name) for name in seen if name in given}
-    return PressButtonsEnv(arm_or_named(arm, robot, POSES, given), **shown)
+    return on_arm(PressButtonsEnv, POSES, robot, arm, given)
 
 
 make.metadata = PressButtonsEnv.metadata  # type: ignore[attr-defined]  # By it Gymnasium opens a window for "human".

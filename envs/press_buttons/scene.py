@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from envs.arm.cuboid import checked_places
 from envs.press_buttons.workspace import POSES, START
+from richmap.robots import SOURCE
 from richmap.task_spaces.press_buttons import BUTTONS
 
 if TYPE_CHECKING:
@@ -28,8 +29,6 @@ LINE = 0.3
 """Length of these lines from the face outwards, in [m]."""
 IN_TIME = 110
 """Control steps in which the source has to have pressed two."""
-SOURCE = "xarm6"
-"""The arm that must be able to press any two."""
 FARTHEST = 3.0
 """Of buttons of one's own from the origin, in [m]."""
 PAIRS = tuple(permutations(range(BUTTONS), 2))

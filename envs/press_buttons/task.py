@@ -13,6 +13,7 @@ from envs.press_buttons.failure import CAUSES
 from envs.press_buttons.outcome import PressOutcome, summarize
 from envs.press_buttons.workspace import DESCRIPTION, MAX_EPISODE_STEPS, POSES
 from envs.task import Change, Controller, Later, Score, Task, Trait, acting_on_dict, make_environment
+from richmap.robots import SOURCE
 from richmap.task_spaces.press_buttons import PRESS_BUTTONS_SPACE
 
 
@@ -76,7 +77,7 @@ PRESS_BUTTONS = Task(
     model=Later("envs.press_buttons.model:PressModel"),
     controller=Later("envs.press_buttons.controller:PressController"),
     demonstrator=Demonstrator(
-        PRESS_BUTTONS_ENVIRONMENTS["xarm6"],
+        PRESS_BUTTONS_ENVIRONMENTS[SOURCE],
         kinds=(("noise", 0.2), ("bursts", 0.4), ("shown", 0.2)),
         episodes=2500,
         play=Later("envs.press_buttons.demonstrator:play"),
