@@ -17,6 +17,7 @@ from benchmark.settings.replay_config import ReplayConfig
 from benchmark.settings.robot_config import SOURCE
 from benchmark.settings.scenes import VALIDATION
 from benchmark.settings.setting import SettingError, check_setting
+from benchmark.settings.task import chosen_task
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -86,7 +87,7 @@ def _draw_rows(config: RecordConfig, console: "Console") -> None:
         table=config.table, task=config.task, row=config.row, robot=config.robot, policy=config.policy,
         entry=config.entry, workers=config.workers, map=config.map, energy=config.energy,
     )  # fmt: skip
-    rows = chosen_rows(replay) if config.row else read_tables(Path(config.table), config.task)
+    rows = chosen_rows(replay) if config.row else read_tables(Path(config.table), chosen_task(config.task).name)
     if config.failed:
         rows = rows[rows.failure_cause.notna()] if len(rows) else rows
     if not len(rows):

@@ -54,6 +54,7 @@ _FACE = {
     "DirectionalDistance": "richmap.similarity.directional",
     "DirectionalEnergy": "richmap.similarity.directional",
     "EnergyField": "richmap.similarity.energy",
+    "EnergySettings": "richmap.similarity.energy_settings",
     "ReachabilityMap": "richmap.maps.reachability_map",
     "RobotDescription": "richmap.robots.robot",
     "SignedDistanceField": "richmap.similarity.signed_distance",

@@ -10,6 +10,8 @@ import pytest
 import torch
 
 from benchmark.artifacts.checkpoint import Checkpoint
+from benchmark.artifacts.known_policies import policy_folder
+from benchmark.settings.setting import SettingError
 from envs import ENVIRONMENTS, PRESS_BUTTONS_ENVIRONMENTS
 from policies.modeling_guided_push import GuidedPushPolicy
 from policies.noise import episode_noise
@@ -58,6 +60,13 @@ def test_nine_of_a_checkpoint_fit_in_40_mb(checkpoint):
 )
 def test_a_checkpoint_is_called_by_the_folder_that_says_most(tmp_path, folder, name):
     assert Checkpoint(tmp_path / folder).name == name
+
+
+def test_a_name_that_is_no_policys_is_refused_with_those_that_are():
+    with pytest.raises(
+        SettingError, match="policy=seed4-1 is no folder, .* of block_push .*: clean-seed42-1, .*seed42-1"
+    ):
+        policy_folder("seed4-1")
 
 
 def test_a_policy_is_told_by_all_that_decides_its_actions(tmp_path):

@@ -47,6 +47,7 @@ def test_a_policy_is_evaluated_and_compared_scene_by_scene(brief, tmp_path):
     direct = benchmark.evaluate("seed42-1", **common)
     pushed = benchmark.evaluate("seed42-1", method="towards", scale=0.1, **common)
     assert [*direct.episode_seed] == [50_000, 50_001] and {*pushed.method} == {"towards"}
+    assert [*direct.index] == [*pushed.index] == [0, 1]
     chosen = benchmark.evaluate("seed42-1", method="projection", **common)  # At the scale that was chosen.
     assert {*zip(chosen.method, chosen["lambda"], strict=True)} == {("projection", 0.00125)}
     oracle = benchmark.evaluate("seed42-1", method="plain_oracle", **common)

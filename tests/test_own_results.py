@@ -49,6 +49,18 @@ def test_curves_that_cannot_be_written_are_refused_before_anything_is_shown(tmp_
     assert not capsys.readouterr().out
 
 
+def test_a_class_whose_files_changed_is_another_method():
+    versions = [dataclasses.replace(GUIDED, method="slower", entry_hash=letter * 64) for letter in "ab"]
+    rows = [episode(s, p2=c is versions[0], condition=c) for c in (CONDITION, *versions) for s in range(3)]
+    table = scale_table(as_frame([row.row() for row in rows], EpisodeOutcome), BLOCK_PUSH)
+    shown = [line.split()[:6] for line in results_text(table, BLOCK_PUSH, 90).splitlines() if line[:6] == "slower"]
+    assert shown == [
+        ["slower,", "files", "aaaaaaaa", "0.5", "3", "100.0"], ["slower,", "files", "bbbbbbbb", "0.5", "3", "0.0"],
+    ]  # fmt: skip
+    (panel,) = draw_curves(table, BLOCK_PUSH).axes
+    assert len(panel.get_legend_handles_labels()[1]) == 3
+
+
 def test_scales_within_an_octave_are_written_under_their_curve():
     tried = [dataclasses.replace(GUIDED, guidance_scale=scale) for scale in (0.6, 0.9)]
     rows = [episode(seed, p2=True, condition=condition) for condition in (CONDITION, *tried) for seed in (0, 1)]

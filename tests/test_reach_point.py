@@ -8,7 +8,7 @@ import sys
 import pytest
 from rich.console import Console
 
-from benchmark import enter, leaderboard, oracle, replay, show
+from benchmark import enter, leaderboard, oracle, record, replay, show
 from benchmark.artifacts.known_policies import chosen_checkpoint
 from benchmark.episodes.episode import row_id
 from benchmark.episodes.parts import parts_in
@@ -22,6 +22,7 @@ from benchmark.settings.replay_config import ReplayConfig
 from benchmark.settings.robot_config import ArmConfig, RobotConfig
 from benchmark.settings.setting import SettingError
 from benchmark.sweeps.enter_config import EnterConfig
+from tests.egl import needs_egl
 from tests.reach_point import MOST_STEPS, REACH_POINT, save_policy
 
 TASK = "tests.reach_point:REACH_POINT"
@@ -108,6 +109,16 @@ def test_rows_replay_alone_to_the_last_bit_an_oracles_too(stored, policies, caps
     replay.main(ReplayConfig(table=str(stored / "oracle"), task=TASK, random=3))
     shown = capsys.readouterr().out
     assert shown.count("bit-equal: task") == 4 and "closeness" in shown and "differs" not in shown
+
+
+@needs_egl
+def test_a_failed_episode_is_drawn(policies, tmp_path, capsys):
+    rolled_out(settings(policies[0], tmp_path / "rows"))
+    rows, films = str(tmp_path / "rows"), tmp_path / "films"
+    record.main(record.RecordConfig(RobotConfig("ur3"), task=TASK, failed=1, table=rows, policy=str(policies[0]),
+                                    device="cpu", output_dir=str(films)))  # fmt: skip
+    (film,) = films.iterdir()
+    assert film.stat().st_size > 1000 and "failed by outer_reach" in capsys.readouterr().out
     with pytest.raises(SettingError, match="has no episodes"):
         replay.main(ReplayConfig(table=str(stored), random=1))  # None of block push.
 
@@ -133,7 +144,7 @@ def test_the_report_and_the_leaderboard_have_the_tasks_scores_and_texts(stored, 
     enter.main(entered(write_entry(tmp_path / "entry"), stored / "entries", episodes=20))
     leaderboard.main(LeaderboardConfig(task=TASK, output_dir=str(stored)))
     board = (stored / "reach_point" / "LEADERBOARD.md").read_text()
-    assert "task=reach_point" in board and "| ur3, embodied, version" in board and "p2" not in board
+    assert f"task={TASK}" in board and "| ur3, embodied, version" in board and "p2" not in board
     capsys.readouterr()
     show.main(show.ShowConfig(task=TASK, table=str(stored), protocol="strict"))
     text = capsys.readouterr().out

@@ -8,7 +8,7 @@ from PIL import Image
 from benchmark import choose_scales, scales
 from benchmark.rollouts import arm_oracle, missing_episodes
 from benchmark.scoring.scale_table import scale_table
-from benchmark.settings.chosen_scales import read_scales, scales_file
+from benchmark.settings.chosen_scales import USUAL_FOLDER, chosen_scales, read_scales, scales_file
 from benchmark.settings.robot_config import RobotConfig
 from benchmark.settings.setting import SettingError
 from benchmark.settings.suite import suite_conditions
@@ -159,6 +159,17 @@ def test_a_scale_is_chosen_over_all_conditions_within_the_budget(simulated, tmp_
     choose_scales.main(scale_choice.ChooseScalesConfig(**given | {"methods": ["away"]}))
     assert not [run for run in simulated[before:] if run[0] == "direct"]  # Those of off are shared.
     assert {*read_scales(scales_file(str(tmp_path), BLOCK_PUSH.name))} == {"away", "towards"}
+
+
+def test_scales_that_ship_are_found_from_any_folder_but_by_one_that_has_its_own(tmp_path, monkeypatch):
+    ours = chosen_scales(USUAL_FOLDER, "block_push")
+    monkeypatch.chdir(tmp_path)
+    assert ours and chosen_scales(USUAL_FOLDER, "block_push") == ours
+    assert chosen_scales("elsewhere", "block_push") == {}
+    own = scales_file(USUAL_FOLDER, "block_push")
+    own.parent.mkdir(parents=True)
+    own.write_text("towards: {scale: 0.5}")
+    assert chosen_scales(USUAL_FOLDER, "block_push") == {"towards": {"scale": 0.5}}
 
 
 def test_scales_are_chosen_on_validation_episodes_only():

@@ -30,6 +30,9 @@ HUB_FILES = ["config.json", "model.safetensors", "train_config.json", "policy_*.
 """Of a checkpoint there."""
 
 
+NONE_HERE = "none (those that ship lie in the project's own folder: use the commands of a clone)"
+
+
 def of_task(folder: Path, task: str) -> Path:
     """Where a task's checkpoints lie in one of these folders."""
     return folder if task == RunConfig.task else folder / task
@@ -64,7 +67,12 @@ def policy_folder(name: str, task: str = RunConfig.task) -> Path:
     named = [folder for folder in folders if (folder / "model.safetensors").exists()]
     if named:
         return named[0]
-    if Path(name).exists() or not re.fullmatch(HUB_NAME, name):
+    if not Path(name).exists() and not re.fullmatch(HUB_NAME, name):
+        there = sorted({folder.name for root in CHECKPOINTS for folder in policies_in(of_task(root, task))})
+        raise SettingError(
+            f"policy={name} is no folder, and no policy of {task} that is here: {', '.join(there) or NONE_HERE}."
+        )
+    if Path(name).exists():
         return Checkpoint.from_path(name).folder
     return Checkpoint.from_path(str(_from_hub(name))).folder
 
@@ -95,7 +103,6 @@ def checkpoint_folder(seed: int, rank: int = 1, recipe: str = USUAL, task: str =
         if (folder / "model.safetensors").exists():
             return Checkpoint.from_path(str(folder)).folder
     there = {folder.name for root in roots for folder in policies_in(root, recipe)}
-    none = "none (those that ship lie in the project's own folder: type the command there)"
     why = ": its rows are published, but of each seed only the best policy ships" if name in published(task) else ""
     command = "" if task == RunConfig.task else f"task={task} "
     if not (there or chosen_task(task).demonstrator):
@@ -105,14 +112,15 @@ def checkpoint_folder(seed: int, rank: int = 1, recipe: str = USUAL, task: str =
         )
     raise SettingError(
         f"{command}recipe={recipe} seed={seed} checkpoint={rank} is not there{why}. Here: "
-        f"{', '.join(sorted(there)) or none}. Train it (hours): python -m benchmark.source_policies {command}"
+        f"{', '.join(sorted(there)) or NONE_HERE}. Train it (hours): python -m benchmark.source_policies {command}"
         f"recipe={recipe} seeds=[{seed}], or name one of yours: policy=path/to/checkpoint."
     )
 
 
-def policies_in(folder: Path, recipe: str) -> list[Path]:
-    """Folders of a recipe's policies in a folder."""
-    return [file.parent for file in folder.glob(f"{policy_name(recipe, '*', '*')}/model.safetensors")]
+def policies_in(folder: Path, recipe: str = "") -> list[Path]:
+    """Folders of a recipe's policies in a folder; of all policies unless one is named."""
+    name = policy_name(recipe, "*", "*") if recipe else "*"
+    return [file.parent for file in folder.glob(f"{name}/model.safetensors")]
 
 
 def shipped(recipe: str = USUAL, task: str = RunConfig.task) -> set[str]:

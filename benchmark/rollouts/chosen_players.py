@@ -7,7 +7,7 @@ from benchmark.artifacts.known_policies import chosen_checkpoint
 from benchmark.episodes.arm import chosen_arms
 from benchmark.rollouts.arm_oracle import ArmOracle
 from benchmark.rollouts.make_rollout import Stage
-from benchmark.settings.chosen_scales import read_scales, scales_file
+from benchmark.settings.chosen_scales import chosen_scales, scales_file
 from benchmark.settings.config import ORACLE_METHODS, RunConfig
 from benchmark.settings.setting import SettingError
 from benchmark.settings.task import chosen_task
@@ -82,9 +82,9 @@ def chosen_scale(config: RunConfig, task: "Task") -> float:
     Raises:
         SettingError: If none was.
     """
-    file = scales_file(config.scales_dir, task.name)
-    if (chosen := read_scales(file).get(config.method)) is not None:
+    if (chosen := chosen_scales(config.scales_dir, task.name).get(config.method)) is not None:
         return float(chosen["scale"])
+    file = scales_file(config.scales_dir, task.name)
     raise SettingError(
         f"lambda=null: {file} has no scale of method={config.method}. Choose one: python -m benchmark.choose_scales "
         f"methods=[{config.method}] scales_dir={config.scales_dir}, or give lambda."

@@ -56,4 +56,4 @@ def evaluate(
     (config,), console = config.parts, plain_console(stderr=True)
     *_, player = chosen_players(config, console)  # Direct transfer comes before.
     (rows,) = play_and_store([player], config, console)
-    return rows
+    return rows.reset_index(drop=True)

@@ -101,7 +101,10 @@ def row_entry(row: Mapping[str, Any], folder: str) -> "Entry | None":
             raise SettingError(f"{row_name(row)}: there is no method {row['method']!r}. Methods: {', '.join(METHODS)}.")
         return None
     if not folder:
-        raise SettingError(f"{row_name(row)} is of an entry. Give its folder: entry=<folder>.")
+        raise SettingError(
+            f"{row_name(row)} is of an entry. Give its folder: entry=<folder>; or a class of a file: "
+            "entry=<file.py>:<Class>."
+        )
     is_class = re.fullmatch(CLASS_IN_FILE, folder)
     entry = Entry.of_class(folder, LimitsConfig()) if is_class else Entry.load(Path(folder))
     if entry.files_hash != row["entry_hash"]:

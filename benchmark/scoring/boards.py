@@ -10,7 +10,7 @@ from benchmark.settings.config import RunConfig
 from benchmark.settings.recipe import USUAL
 from benchmark.settings.scenes import FIRST_TEST_SEED
 from benchmark.settings.setting import SettingError
-from benchmark.settings.task import chosen_task
+from benchmark.settings.task import chosen_task, typed_task
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,7 +65,7 @@ def read_boards(folder: Path, task: "Task", recipe: str = USUAL, protocols: Sequ
                 track = partial(progress.track, description=f"Rows of protocol {protocol.name}")
                 tables[protocol] = with_oracles(leaderboard(rows, protocol, task, track), episodes, protocol, task)
     if not tables:
-        of_task = "" if task.name == RunConfig.task else f"task={task.name} "
+        of_task = "" if task.name == RunConfig.task else f"task={typed_task(task)} "
         raise SettingError(
             f"There are no test episodes (seeds from {FIRST_TEST_SEED}) of a protocol that count, in any "
             f"table of episodes under {folder}. Make some: python -m benchmark.run {of_task}protocol=strict "

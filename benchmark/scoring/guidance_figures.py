@@ -20,6 +20,8 @@ SPACING = 0.04
 """Between arrows, in [m]."""
 PANELS = 4
 """Side by side."""
+LEAST_WIDTH = 5.5
+"""Of a figure, in inches: its title needs it."""
 
 
 def draw_success(table: "pd.DataFrame", task: "Task") -> "Figure":
@@ -145,7 +147,7 @@ def _panels(number: int, height: float, **options: object) -> tuple["Figure", li
 
     columns = min(PANELS, number)
     rows = math.ceil(number / columns)
-    figure = Figure(figsize=(3.1 * columns + 0.6, height * rows + 0.8), layout="constrained")
+    figure = Figure(figsize=(max(3.1 * columns + 0.6, LEAST_WIDTH), height * rows + 0.8), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False, **options).ravel()
     for ax in panels[number:]:
         ax.remove()

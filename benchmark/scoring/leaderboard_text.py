@@ -12,6 +12,7 @@ from benchmark.scoring.ranking import PAPER, Protocol
 from benchmark.scoring.scores import difference_text, with_interval
 from benchmark.scoring.suite_table import Standing, gains_text
 from benchmark.settings.recipe import USUAL
+from benchmark.settings.task import typed_task
 from envs.task import Task
 from policies.methods import DIRECT
 
@@ -48,7 +49,7 @@ def markdown(
 ) -> str:
     """The leaderboard as a document: how methods rank on each suite and what they gain on its conditions, then what the
     protocols have besides, of the policies of a recipe."""
-    given = [*([f"task={task.name}"] if task.name != TASK else []), *([f"recipe={recipe}"] if recipe != USUAL else [])]
+    given = [f"task={typed_task(task)}"] * (task.name != TASK) + [f"recipe={recipe}"] * (recipe != USUAL)
     parts = [TEXT.format(setting=" ".join(["", *given]))]
     for of in standings:
         parts += [RANKED_TEXT] if of.ranks and RANKED_TEXT not in parts else []

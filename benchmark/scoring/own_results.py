@@ -88,10 +88,11 @@ def draw_curves(table: "pd.DataFrame", task: "Task") -> "Figure":
         for _, direct in group[group.method == "direct"].iterrows():
             ax.axhspan(100 * direct[f"{name}_low"], 100 * direct[f"{name}_high"], color="0.9")
             ax.axhline(100 * direct[name], color="0.5", linewidth=1, label="direct")
-        for (method, _), curve in group[group["lambda"] > 0].groupby(["method", "field_fingerprint"]):
+        for _, curve in group[group["lambda"] > 0].groupby(["method", "field_fingerprint", "entry_hash"]):
             values, low, high = (100 * curve[key].to_numpy() for key in (name, f"{name}_low", f"{name}_high"))
             errors = np.stack([values - low, high - values]).clip(0)
-            ax.errorbar(curve["lambda"].to_numpy(), values, errors, fmt=".-", capsize=2, linewidth=1, label=method)
+            label = _method(curve.iloc[0], group)
+            ax.errorbar(curve["lambda"].to_numpy(), values, errors, fmt=".-", capsize=2, linewidth=1, label=label)
         ax.set(title=arm, ylim=(0, 102), xlabel="scale λ, in each method's own unit")
         ax.title.set_fontsize("small")
         if (group["lambda"] > 0).any():
@@ -121,9 +122,11 @@ def _by_arm(table: "pd.DataFrame") -> "list[tuple[str, pd.DataFrame]]":
 
 
 def _method(row: "pd.Series", of_arm: "pd.DataFrame") -> str:
-    """A method, with the cells of its field where it was run with several."""
-    several = of_arm[of_arm.method == row.method].cell_size.nunique() > 1
-    return f"{row.method}, {1000 * row.cell_size:g} mm" if several else row.method
+    """A method, with the cells of its field where it was run with several, and likewise what its files hash to."""
+    alike = of_arm[of_arm.method == row.method]
+    cells = f", {1000 * row.cell_size:g} mm" if alike.cell_size.nunique() > 1 else ""
+    version = f", files {row.entry_hash[:8]}" if alike.entry_hash.nunique() > 1 else ""
+    return f"{row.method}{cells}{version}"
 
 
 def _direct_first(column: "pd.Series") -> "pd.Series":

@@ -14,13 +14,14 @@ if TYPE_CHECKING:
 CHOSEN_FOR = [*ARM, "sampler", "sampling_steps"]
 """Columns of the episodes table that a scale is chosen for."""
 
-METHOD = ["method", "cell_size", "field_fingerprint"]
-"""And these: slopes of two fields are of two sizes, so that a scale holds for one of them."""
+METHOD = ["method", "cell_size", "field_fingerprint", "entry_hash"]
+"""And these: slopes of two fields are of two sizes, so that a scale holds for one of them; a class of a file is another
+method when its files have changed."""
 
 
 def scale_table(episodes: "pd.DataFrame", task: "Task", names: "Sequence[str]" = ()) -> "pd.DataFrame":
-    """A row per arm, method, field and scale, over all checkpoints: n, these scores or the task's `headline`, and
-    differences to direct transfer.
+    """A row per arm, method, field, version of a class and scale, over all checkpoints: n, these scores or the task's
+    `headline`, and differences to direct transfer.
 
     Differences are paired: same checkpoint, same episode. `chosen` is the scale that ranks first, of equal ones the
     smallest; of those that were rolled out whole, on every episode of direct transfer's. Intervals are for other

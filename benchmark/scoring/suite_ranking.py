@@ -10,7 +10,7 @@ from scipy.stats import trim_mean
 
 from benchmark.scoring.ceiling import PLAIN, PLANNER, Ceiling
 from benchmark.scoring.statistics import Crossed, clustered_difference, clustered_ratio
-from benchmark.settings.chosen_scales import read_scales, scales_file
+from benchmark.settings.chosen_scales import chosen_scales
 from benchmark.settings.config import ConditionConfig, RunConfig, unfit
 from benchmark.settings.task import chosen_task
 from policies.methods import BY_TASK, DIRECT, METHODS, in_task
@@ -149,7 +149,7 @@ def _of_rule(pairs: "pd.DataFrame", rule: str) -> "pd.DataFrame":
 
 def _idle(method: str, task: str) -> bool:
     """Whether a method does nothing in a task: it cannot act there, or "off" did best on validation scenes."""
-    chosen = read_scales(scales_file(RunConfig.scales_dir, chosen_task(task).name)).get(method)
+    chosen = chosen_scales(RunConfig.scales_dir, chosen_task(task).name).get(method)
     return bool(unfit(method, chosen_task(task))) or (chosen is not None and chosen["scale"] == 0)
 
 

@@ -11,6 +11,23 @@ MOST_BYTES = 100_000
 """Of a file of chosen scales: 20 times what one of all our methods takes."""
 
 
+USUAL_FOLDER = "results/scales"
+"""Of those that ship."""
+
+
+def chosen_scales(folder: str, task: str) -> dict[str, dict[str, Any]]:
+    """A task's chosen scales (`read_scales`). The usual folder is the project's own where a command is typed in another
+    one that has none.
+
+    Raises:
+        SettingError: If they are damaged.
+    """
+    file = scales_file(folder, task)
+    if folder == USUAL_FOLDER and not file.exists():
+        file = Path(__file__).parents[2] / file
+    return read_scales(file)
+
+
 def scales_file(folder: str, task: str) -> Path:
     """The file of a task's chosen scales, by the task's name."""
     return Path(folder) / f"{task}.yaml"

@@ -7,7 +7,7 @@ from hydra import initialize, initialize_config_dir
 from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
-from benchmark.settings.chosen_scales import read_scales, scales_file
+from benchmark.settings.chosen_scales import chosen_scales
 from benchmark.settings.overrides import quoted
 from benchmark.settings.setting import as_typed, choices_of
 from policies.methods import DIRECT
@@ -46,7 +46,7 @@ def register(schema: type, name: str) -> None:
 
 
 def _chosen(folder: str, task: str) -> str:
-    return ",".join(map(quoted, (DIRECT, *read_scales(scales_file(folder, task)))))
+    return ",".join(map(quoted, (DIRECT, *chosen_scales(folder, task))))
 
 
 def files_of(name: str) -> str | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from benchmark.settings.chosen_scales import read_scales, scales_file
+from benchmark.settings.chosen_scales import USUAL_FOLDER, chosen_scales, scales_file
 from benchmark.settings.limits import memory
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_folder
@@ -158,7 +158,7 @@ class RunConfig:
     """What the arm may do: embodied (joint limits and self-collision bind) or original (neither does, as where only the
     arm is swapped in the original task) or best (as embodied, with the base where benchmark.studies.place_bases finds
     the arm to reach the most)."""
-    scales_dir: str = "results/scales"
+    scales_dir: str = USUAL_FOLDER
     """With lambda=null: the folder of <task>.yaml, which holds the chosen scale of each method."""
     output_dir: str = "results"
     """Folder that results go to, such as episodes."""
@@ -238,10 +238,10 @@ class RunConfig:
         does."""
         if why := unfit(self.method, chosen_task(task)):
             return why
-        file = scales_file(self.scales_dir, chosen_task(task).name)
-        method = in_task(self.method, chosen_task(task).name)
-        asked = self.guidance_scale is None and method in GUIDED
-        return f"{file} has no scale of {method}" if asked and method not in read_scales(file) else ""
+        name = chosen_task(task).name
+        method = in_task(self.method, name)
+        lacks = self.guidance_scale is None and method in GUIDED and method not in chosen_scales(self.scales_dir, name)
+        return f"{scales_file(self.scales_dir, name)} has no scale of {method}" if lacks else ""
 
 
 @dataclass

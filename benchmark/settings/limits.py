@@ -13,7 +13,7 @@ GB = 1e9
 WORKER_GB = 0.5
 """Memory of a process that rolls out or samples, in [GB]."""
 
-EPISODE_SECONDS = 0.3
+EPISODE_SECONDS = 2
 """About what an episode on a UR3, where many last long, takes on one core."""
 
 ENVIRONMENT_GB = 0.02

@@ -9,6 +9,10 @@ if TYPE_CHECKING:
     from envs.task import Task
 
 
+_TYPED: dict[str, str] = {}
+"""What was given for somebody's own tasks, by their names."""
+
+
 def chosen_task(name: str) -> "Task":
     """The task of ours of this name, or somebody's own as `module:NAME`.
 
@@ -35,4 +39,10 @@ def chosen_task(name: str) -> "Task":
         ) from error
     if not isinstance(found, Task):
         raise SettingError(f"task={name}: Task {name!r}: {module} has no {attribute} that is an envs.task.Task.")
+    _TYPED[found.name] = name
     return found
+
+
+def typed_task(task: "Task") -> str:
+    """What names a task in settings: of somebody's own `module:NAME`, as it was given."""
+    return _TYPED.get(task.name, task.name)

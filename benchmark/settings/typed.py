@@ -80,7 +80,8 @@ def literal(value: Any) -> Any:
 
 
 def _unknown(key: str) -> SettingError:
-    return SettingError(f"There is no setting {key!r}. Take it out of the file or call that gives it.")
+    package = " A file of conf/experiment begins with the line `# @package _global_`." if key == "experiment" else ""
+    return SettingError(f"There is no setting {key!r}. Take it out of the file or call that gives it.{package}")
 
 
 def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:

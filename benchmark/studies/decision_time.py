@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.settings.chosen_scales import read_scales, scales_file
+from benchmark.settings.chosen_scales import chosen_scales
 from benchmark.settings.command import run_command
 from benchmark.settings.config import RunConfig
 from benchmark.settings.paths import check_file
@@ -65,7 +65,7 @@ def main(config: DecisionTimeConfig) -> None:
 
     console, rows = plain_console(), []
     for task in config.tasks:
-        chosen = read_scales(scales_file(config.scales_dir, task))
+        chosen = chosen_scales(config.scales_dir, task)
         scales = {"direct": 0.0} | {name: float(said["scale"]) for name, said in chosen.items() if said["scale"]}
         for name in config.methods:
             known = config.scale is not None or name in scales

@@ -166,11 +166,11 @@ def budget(config: ScalesConfig, methods: list[Swept]) -> str:
     """What the sweep costs at most."""
     points = 1 + sum(len(method.scales) for method in methods)
     episodes = points * len(config.seeds) * config.episodes
-    hours = episodes * EPISODE_SECONDS / config.workers / 3600
+    minutes = math.ceil(episodes * EPISODE_SECONDS / config.workers / 60)
     return (
         f"At most {points} points (direct transfer and {number_of('method', len(config.methods))}) x "
         f"{len(config.seeds)} checkpoints x {config.episodes} episodes = {episodes} episodes; at about "
-        f"{EPISODE_SECONDS:g} s each on {config.workers} workers {hours:.1f} hours. Stored ones are kept"
+        f"{EPISODE_SECONDS:g} s each on {config.workers} workers {number_of('minute', minutes)}. Stored ones are kept"
         + ("." if config.scale else "; a method ends where it collapses.")
     )
 

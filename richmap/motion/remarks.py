@@ -99,7 +99,7 @@ def _collisions(robot: RobotDescription) -> list[str]:
     lines = [
         f"Pairs of links that are checked for self-collision: {len(check.pairs)}. Of random configurations, "
         f"{100 * check.free_share:.1f} % are free. Left out since they always touch: {_pairs(check.in_contact)}. "
-        f"Left out since they are neighbours, or the description or a setting says so: {_pairs(robot.unchecked)}. "
+        f"Left out since the description or a setting says so: {_pairs(robot.unchecked)}. Neighbours are not checked. "
         f"Links without collision shapes: {some_of(bare) or 'none'}."
     ]
     if thin:

@@ -1,7 +1,9 @@
 """From the similarity of two robots to a smooth energy field over the workspace."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from types import MappingProxyType
 from typing import final
 
 import numpy as np
@@ -29,12 +31,22 @@ class EnergyField(GridField):
 
     @classmethod
     def from_similarity(
-        cls, similarity: SimilarityGrid, settings: EnergySettings, about: dict[str, str]
+        cls,
+        similarity: SimilarityGrid,
+        settings: EnergySettings = EnergySettings(),  # noqa: B008, frozen
+        about: Mapping[str, str] = MappingProxyType({}),
     ) -> "EnergyField":
-        """Seeds, wavefront, smoothing."""
+        """The field of two robots that were compared: cells where they are alike are seeds, energy rises with the
+        distance from them (`propagate`), and the whole is smoothed.
+
+        Args:
+            similarity: Of the two robots (`richmap.compare_maps`).
+            settings: What shapes the field.
+            about: Texts that are kept in its file, such as whose it is.
+        """
         energy = propagate(seed_cells(similarity, settings), settings.step)
         smooth = gaussian_filter(energy, settings.smoothing, mode="nearest")
-        return cls(similarity.grid, smooth, about)
+        return cls(similarity.grid, smooth, {**about})
 
 
 def seed_cells(similarity: SimilarityGrid, settings: EnergySettings) -> Bool[np.ndarray, "nx ny nz"]:
