@@ -12,7 +12,7 @@ from rich.console import Console
 from benchmark import show
 from benchmark.episodes.arm import arm_columns
 from benchmark.rollouts.chosen_players import chosen_players
-from benchmark.scoring.ceiling import Ceiling, ceiling, cross_validated, read_ceilings, save_ceilings
+from benchmark.scoring.ceiling import Ceiling, ceiling, ceilings_file, cross_validated, read_ceilings, save_ceilings
 from benchmark.scoring.statistics import Crossed, clustered_ratio
 from benchmark.scoring.suite_ranking import (
     interquartile_mean,
@@ -28,6 +28,7 @@ from benchmark.settings.robot_config import ArmConfig
 from benchmark.settings.scenes import PAPER, RANKING, TABLES, VALIDATION
 from benchmark.settings.setting import SettingError
 from benchmark.settings.suite import SUITES, suite_conditions, suite_scenes
+from benchmark.studies import ceilings
 from benchmark.studies.ceilings import CeilingsConfig
 from benchmark.studies.suite_candidates import verdict
 from envs.block_push.arm import block_push_arm
@@ -145,6 +146,20 @@ def test_the_ceiling_of_rows():
     assert "reorder 0.01" not in lacking.candidates
     with pytest.raises(SettingError, match="aware_oracle lacks 1 of 4 scenes"):
         ceiling(pd.concat([DIRECT, PLANNER[1:]]), "p2")
+
+
+TOOK_PART = {
+    "quick": ["direct", "paper", "projection", "reorder"],
+    "full": ["direct", "projection", "reorder", "block_push.paper", "press_buttons.way_on_arm"],
+}
+
+
+@pytest.mark.results
+@pytest.mark.parametrize("suite", TOOK_PART)
+def test_frozen_ceilings_are_those_of_the_stored_rows(suite, tmp_path, capsys):
+    """Also of those that came later, of methods that did not take part."""
+    ceilings.main(CeilingsConfig(suite=suite, methods=TOOK_PART[suite], output=str(tmp_path / "again.json")))
+    assert read_ceilings(tmp_path / "again.json") == read_ceilings(ceilings_file(suite))
 
 
 def test_frozen_ceilings_come_back(tmp_path):

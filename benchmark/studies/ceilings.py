@@ -23,7 +23,7 @@ class CeilingsConfig:
     table: str = ""
     """Folder of the episodes; empty for results/suites/<suite>."""
     methods: list[str] = field(default_factory=lambda: ["direct", "paper", "projection", "reorder"])
-    """Which methods take part besides the scripted oracles."""
+    """Which methods take part besides the scripted oracles; in one task alone as in press_buttons.way_on_arm."""
     seed_start: int | None = None
     """Seed of the first scene; null for the suite's own scenes, or else those for tables."""
     episodes: int | None = None
@@ -62,15 +62,17 @@ def main(config: CeilingsConfig) -> None:
         raise SettingError(f"There are no episodes of {' or '.join(task.name for task in tasks)} in {table}.")
     assert config.seed_start is not None and config.episodes is not None
     scenes = range(config.seed_start, config.seed_start + config.episodes)
-    rows = rows[rows.episode_seed.isin(scenes) & rows.method.isin([PLANNER, PLAIN, *config.methods])]
+    takes_part = (rows.task + "." + rows.method).isin(config.methods) | rows.method.isin(config.methods)
+    rows = rows[rows.episode_seed.isin(scenes) & (takes_part | rows.method.isin([PLANNER, PLAIN]))]
     made, lines = {}, []
     for name, of_condition in by_condition(rows, conditions).items():
         try:
             made[name] = ceiling(of_condition, chosen_task(conditions[name].task).success)
         except SettingError as error:
+            methods = [PLAIN, PLANNER, *(each.rpartition(".")[2] for each in config.methods)]
             raise SettingError(
                 f"{name}: {error} Roll them out: python -m benchmark.run -m suite={config.suite} "
-                f"method={','.join([PLAIN, PLANNER, *config.methods])} seeds=[42,43,44] "
+                f"method={','.join(methods)} seeds=[42,43,44] "
                 f"seed_start={config.seed_start} episodes={config.episodes}"
             ) from error
         figures = dict(zip(("c", "c_low", "c_high"), made[name].interval(scenes), strict=True))
