@@ -225,8 +225,10 @@ def test_a_killed_worker_ends_a_sweep_and_sigterm_ends_its_workers(tmp_path):
         assert workers
         end(running.pid)
         assert running.wait(timeout=60) == status
-        time.sleep(2)
-        assert not [worker for worker in workers if Path(f"/proc/{worker}").exists()]
+        deadline = time.monotonic() + 2
+        while left := [worker for worker in workers if Path(f"/proc/{worker}").exists()]:
+            assert time.monotonic() < deadline, left
+            time.sleep(0.05)
         shutil.rmtree(tmp_path / "episodes", ignore_errors=True)
     *_, killed, ended = (tmp_path / "log.txt").read_text().splitlines()
     assert "A worker process was killed" in killed and ended.startswith("Interrupted.")

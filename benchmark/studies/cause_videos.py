@@ -73,7 +73,7 @@ def main(config: CauseVideosConfig) -> None:
             shown.append(row)
             break
     with replacing(output_dir / "causes.md") as path:
-        path.write_text(markdown(shown, failed.failure_cause.value_counts()))
+        path.write_text(markdown(shown))
     console.print(f"Table: {output_dir / 'causes.md'}", soft_wrap=True)
 
 
@@ -115,26 +115,24 @@ def examples(failed: "pd.DataFrame", policies: set[str]) -> "pd.DataFrame":
 TEXT = """# Causes of failure, each seen
 
 Made by `python -m benchmark.studies.cause_videos`: one stored episode of each cause, replayed, at twice the speed. The
-rules are in `envs/block_push/failure.py`. *Stored*: failed episodes by this cause under `results/`, of all arms,
-methods and seeds, also of scales and policies that were tried and not chosen. Any row replays alone: `python -m
-benchmark.replay table=results row=<row>`.
+rules are in `envs/block_push/failure.py`. Any row replays alone: `python -m benchmark.replay table=results row=<row>`.
 
 No stored episode of a policy failed, and fails when it is replayed here, by: {missing}.
 
-| cause | stored | the episode that is shown | |
-|---|---|---|---|
+| cause | the episode that is shown | |
+|---|---|---|
 {rows}
 """
 
 
-def markdown(shown: "list[dict[str, Any]]", stored: "pd.Series") -> str:
-    """The document, with these rows and how many of each cause are stored."""
+def markdown(shown: "list[dict[str, Any]]") -> str:
+    """The document, with these rows."""
     from benchmark.episodes.episode import row_id
     from envs.block_push.failure import CAUSES
 
     by_cause = {row["failure_cause"]: row for row in shown}
     rows = [
-        f"| `{cause}` | {stored[cause]} | {row['robot']}, {row['setting']}, {row['method']}, λ {row['lambda']:g}, "
+        f"| `{cause}` | {row['robot']}, {row['setting']}, {row['method']}, λ {row['lambda']:g}, "
         f"policy {row['checkpoint']}, {row['sampler']} with {row['sampling_steps']} steps, seed {row['episode_seed']}, "
         f"length {row['length']}; row `{row_id(row)}` "
         f"| ![{cause}](figures/causes/{cause}.webp) |"
