@@ -126,6 +126,8 @@ class KeepWithinReach(PolicyActionProcessorStep):
                 f"{KEEPS}: commands={self.commands!r} cannot be kept within reach, as nothing says where they lead. "
                 f"Kinds: {', '.join(KINDS)}."
             )
+        if not (np.isfinite(self.fps) and self.fps > 0):
+            raise ValueError(f"{KEEPS}: fps={self.fps} is no number above 0, of commands per second.")
         robot = self.limits.robot
         of_arm = f"{robot.name} has the joints {', '.join(robot.joints)}"
         self._command = NamedNumbers.of(f"{KEEPS}: command_names", self.command_names, robot, (self.commands,))
@@ -156,6 +158,9 @@ class KeepWithinReach(PolicyActionProcessorStep):
                 f"{KEEPS}: expected {len(self.state_names)} numbers of state and {len(self.command_names)} of action, "
                 f"of as many arms. Got {tuple(state.shape)} and {tuple(action.shape)}."
             )
+        if not np.isfinite(state).all():
+            row, number = np.argwhere(~np.isfinite(state))[0]
+            raise ValueError(f"{KEEPS}: arm {row} is seen at {state[row, number]} in {self.state_names[number]!r}.")
         last = _SEEN.last.get(self, [])
         if len(last) != len(action):
             last = [None] * len(action)

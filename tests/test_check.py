@@ -86,6 +86,38 @@ def test_every_kind_of_file_says_the_same(arm, demonstrations, tmp_path):
         read_poses(turned, PoseColumns(), None)
 
 
+def test_columns_are_known_by_the_names_that_people_give_them(arm, demonstrations, tmp_path):
+    joints, poses, episodes = demonstrations
+    robot, file = custom_robot(arm.path, "base", "tool"), tmp_path / "a.csv"
+    whole = table(poses, episodes)
+    for name in ("episode", "episode_index", "EPISODE"):
+        whole.rename(columns={"episode": name}).to_csv(file, index=False)
+        assert [*read_poses(file, PoseColumns(), None)[0].episodes] == [*episodes]
+    whole.assign(episode_index=0).to_csv(file, index=False)
+    with pytest.raises(PoseFileError, match="says episodes twice, in episode and episode_index"):
+        read_poses(file, PoseColumns(), None)
+    of_joints = pd.DataFrame(joints, columns=[*robot.joints]).assign(episode=episodes, timestamp=1.0)
+    others = {name: f"a{i}" for i, name in enumerate(robot.joints)}
+    backwards = of_joints[[*reversed(of_joints.columns)]]
+    for each in (of_joints, backwards, of_joints.rename(columns=others)[["timestamp", *others.values(), "episode"]]):
+        each.to_csv(file, index=False)
+        path, _ = read_poses(file, PoseColumns(joints_of=robot), None)
+        assert path.positions == pytest.approx(poses[:, :3], abs=1e-6)
+    of_joints.rename(columns={robot.joints[1]: "other"}).to_csv(file, index=False)
+    with pytest.raises(PoseFileError, match=f"such as {robot.joints[0]}, and none of {robot.joints[1]}. Other names"):
+        read_poses(file, PoseColumns(joints_of=robot), None)
+
+
+def test_what_would_be_read_otherwise_than_it_is_meant_is_refused(tmp_path):
+    file = tmp_path / "a.csv"
+    file.write_text("x,y,z,wx,wy,wz\n0,0,0,0,0,90\n")
+    with pytest.raises(PoseFileError, match="Row 1 is turned by 90, more than a whole turn in rad"):
+        read_poses(file, PoseColumns(), None)
+    file.write_text("x,y,z,qx,qy,qz,qw, x\n0,0,0,0,0,0,1,5\n")
+    with pytest.raises(PoseFileError, match="its header names the column 'x' 2 times"):
+        read_poses(file, PoseColumns(), None)
+
+
 @pytest.mark.system
 def test_a_check_leaves_tables_a_picture_and_a_page(arm, demonstrations, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

@@ -238,6 +238,8 @@ def test_the_approach_direction_can_be_another_axis(arm):
     assert "-x axis of tool_x, at 180 degrees" in " ".join(remarks(arm(text, "tool_x", approach="-x")))
     with pytest.raises(ValueError, match="one of z, -z, x, .* Got w"):
         arm(text, "tool_x", approach="w")
+    swung = " ".join(remarks(arm(urdf(fixed("hand", "tip", "0 0 0.1")), "tip")))
+    assert "The last joint swings the tool and does not roll it" in swung and "robot.approach" not in swung
 
 
 def test_a_reach_without_volume_is_said(arm):
@@ -465,6 +467,7 @@ def test_names_in_any_alphabet_in_any_locale(tmp_path):
     file = tmp_path / "Leer zeichen.urdf"
     text = urdf().replace('"tool"', '"werkzeug ü"')
     file.write_text(f'<?xml version="1.0" encoding="ISO-8859-1"?>{text}', encoding="iso-8859-1")
+    (tmp_path / "arm.xacro").write_text(text, encoding="utf-8")
     program = """
 import sys
 from richmap.motion.collision import self_collision
@@ -477,6 +480,9 @@ print(robot.fingerprint, len(self_collision(robot).pairs))
         [sys.executable, "-c", program, str(file)], env=ascii_only, capture_output=True, text=True, check=False
     )
     assert done.stdout.split() == [custom_robot(file, "base", "werkzeug ü").fingerprint, "3"], done.stderr
+    xacro = [sys.executable, "-c", program, str(tmp_path / "arm.xacro")]
+    again = subprocess.run(xacro, env=ascii_only, capture_output=True, text=True, check=False)
+    assert again.stdout.split()[1:] == ["3"], again.stderr
 
 
 BESIDE = urdf().replace(

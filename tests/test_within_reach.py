@@ -121,6 +121,7 @@ def test_a_base_that_is_moved_and_turned_moves_and_turns_the_frame(keeps):
         ({"commands": "joints", "command_names": JOINTS}, "state_names has to name them. .* joints a_joint, "),
         ({"state_names": ["x", "wx"]}, "state_names lacks wy, wz"),
         ({"home": [0.1]}, "home has 1 angles"),
+        ({"fps": 0.0}, "fps=0.0 is no number above 0"),
     ],
 )  # fmt: skip
 def test_what_nothing_is_known_of_is_refused(keeps, change, message):
@@ -130,6 +131,9 @@ def test_what_nothing_is_known_of_is_refused(keeps, change, message):
 
 
 def test_an_arm_that_is_seen_where_it_cannot_be_is_told_of(keeps):
+    stepwise = keeps(commands="pose_step", command_names=["x", "y"], state_names=STATE)
+    with pytest.raises(ValueError, match="arm 0 is seen at nan in 'y'"):
+        seen(stepwise, [[0.3, np.nan, 0.0, 0.0, 0.0]], [[0.01, 0.0]])
     step = keeps(commands="pose_step", command_names=["x", "y"], state_names=STATE)
     for _ in range(2):  # Also where it was seen before, elsewhere.
         with pytest.raises(ValueError, match="no configuration of .* Look at base, position and orientation"):

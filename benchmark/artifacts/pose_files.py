@@ -1,5 +1,6 @@
 """Paths of poses from files: CSV, NPZ, and LeRobotDatasets of poses or of joint angles."""
 
+import csv
 import re
 import zipfile
 from collections.abc import Mapping
@@ -26,6 +27,10 @@ FIRST = ("observation.state", "action")
 """Features of a LeRobotDataset in which poses are sought first: measured ones before commanded ones."""
 
 EPISODE = "episode"
+EPISODES = (EPISODE, "episode_index")
+"""What the column of episodes may be called, in capitals or not; the second is LeRobot's."""
+NO_JOINTS = ("timestamp", "time", "stamp", "t", "index", "frame_index", "task_index")
+"""Columns that are no joint's where joints have other names than the arm's."""
 LONGEST_HEADER, MOST_BYTES = 100_000, 10**9
 """Of a file of poses, in bytes."""
 MOST_COLUMNS = 10_000
@@ -42,7 +47,7 @@ class PoseColumns:
 
     names: tuple[str, ...] = ()
     """In order: x, y, z, qx, qy, qz, qw, or six with a rotation vector, or the joints; () to find them by what their
-    names end in."""
+    names end in, and joints by the arm's names of them, also with .pos after it, or else in the order of columns."""
     feature: str = ""
     """Of a LeRobotDataset; empty for the first that has them."""
     joints_of: "RobotDescription | None" = None
@@ -114,6 +119,13 @@ def _poses(values: np.ndarray, names: list[str], wanted: PoseColumns) -> np.ndar
     if bad.any():
         raise PoseFileError(f"Row {np.argmax(bad) + 1} holds no finite number: {values[np.argmax(bad)].tolist()}")
     if wanted.joints_of is None:
+        turned = np.linalg.norm(values[:, 3:], axis=1)
+        if turned.max() > 2 * np.pi:
+            row = int(np.argmax(turned))
+            raise PoseFileError(
+                f"Row {row + 1} is turned by {turned[row]:.4g}, more than a whole turn in rad. Rotation vectors are in "
+                "rad: multiply degrees by pi / 180"
+            )
         return np.column_stack([values[:, :3], Rotation.from_rotvec(values[:, 3:]).as_quat()])
     angles = np.radians(values) if wanted.degrees else values
     if np.abs(angles).max() > 4 * np.pi:
@@ -137,8 +149,8 @@ def _found(table: _Table, wanted: PoseColumns) -> tuple[list[str], _Table]:
             if not joints and len(wanted.names) not in (len(QUATERNION), len(VECTOR)):
                 raise PoseFileError(f"columns are {','.join(QUATERNION)}, or {','.join(VECTOR)}, under your names")
             return [*wanted.names], each
-        if not wanted.names and joints and len(each.columns) >= joints:
-            return [*each.columns][:joints], each
+        if not wanted.names and wanted.joints_of and (of_joints := _of_joints(each, wanted.joints_of.joints)):
+            return of_joints, each
         for sought in (QUATERNION, VECTOR) if not (wanted.names or joints) else ():
             if names := _by_last_part(each.columns, sought):
                 return names, each
@@ -153,6 +165,30 @@ def _found(table: _Table, wanted: PoseColumns) -> tuple[list[str], _Table]:
         f"it lacks columns: {', '.join(lacking) or f'one for each of {joints} joints'}. It has {had}. "
         "Other names are told by columns=[...]"
     )
+
+
+def _of_joints(table: _Table, joints: tuple[str, ...]) -> list[str]:
+    """The columns of these joints, by their names; or, where no column has the name of one, the first; none if they are
+    too few."""
+    named = [next((name for name in (joint, f"{joint}.pos") if name in table.columns), None) for joint in joints]
+    if found := [name for name in named if name is not None]:
+        if lacking := [joint for joint, name in zip(joints, named, strict=True) if name is None]:
+            raise PoseFileError(
+                f"it has columns of the arm's joints, such as {found[0]}, and none of {', '.join(lacking)}. Other "
+                "names are told by columns=[...]"
+            )
+        return found
+    others = [name for name in table.columns if name.lower() not in NO_JOINTS]
+    return others[: len(joints)] if len(others) >= len(joints) else []
+
+
+def _without_episodes(columns: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
+    """Columns apart from that of episodes, and that one, if there is one."""
+    found = [name for name in columns if name.lower() in EPISODES]
+    if len(found) > 1:
+        raise PoseFileError(f"it says episodes twice, in {' and '.join(found)}. Leave one")
+    rest = {name: column for name, column in columns.items() if name not in found}
+    return rest, columns[found[0]] if found else None
 
 
 def _by_last_part(columns: Mapping[str, Any], sought: tuple[str, ...]) -> list[str]:
@@ -182,8 +218,10 @@ def _csv(file: Path) -> _Table:
         raise PoseFileError(f"it is no table of comma-separated values ({' '.join(str(error).split())})") from error
     if not isinstance(table.index, pd.RangeIndex):  # pandas takes the first columns for names of rows.
         raise PoseFileError(f"its rows have more values than its header names, which are {_some(dict.fromkeys(table))}")
-    columns = {str(name).strip(): table[name].to_numpy() for name in table}
-    return _Table(columns, columns.pop(EPISODE, None))
+    names = [name.strip() for name in next(csv.reader([header.decode("utf-8-sig")]), [])]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise PoseFileError(f"its header names the column {twice[0]!r} {names.count(twice[0])} times")
+    return _Table(*_without_episodes({str(name).strip(): table[name].to_numpy() for name in table}))
 
 
 def _check_size(size: int) -> None:
@@ -202,7 +240,7 @@ def _npz(file: Path) -> _Table:
     except Exception as error:  # Whatever zipfile, zlib and NumPy raise at bytes that are none of theirs.
         said = " ".join(str(error).split()) or type(error).__name__
         raise PoseFileError(f"it is damaged, or no .npz file of plain arrays ({said})") from error
-    episodes = arrays.pop(EPISODE, None)
+    arrays, episodes = _without_episodes(arrays)
     columns: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
         if array.ndim == 2 and array.shape[1] == len(QUATERNION) and len(arrays) == 1:

@@ -63,7 +63,9 @@ def _approach(robot: RobotDescription) -> str:
     best = int(np.argmax(np.abs(seen)))
     name = ("" if seen[best] > 0 else "-") + "xyz"[best]
     way = "None of the frame's axes is along that"
-    if abs(seen[best]) > ALONG:
+    if not outward and np.hypot(*last[:2, 3]) > ABOVE:
+        way = "The last joint swings the tool and does not roll it, so no other axis is a better choice for that"
+    elif abs(seen[best]) > ALONG:
         way = "Along that, and away from the arm, points" if outward else "Along that is"
         way = f"{way} {_signed(name)}: robot.approach={name}"
     angle = np.degrees(np.arccos(np.clip((outward or 1) * last[2, 2], -1, 1)))

@@ -30,7 +30,7 @@ def expanded(file: Path, arguments: str = "") -> ET.Element:
     Raises:
         ValueError: If that cannot be done, or takes more than 30 s or 2 GiB.
     """
-    command = [sys.executable, "-P", "-m", __name__, str(file), arguments]
+    command = [sys.executable, "-P", "-X", "utf8", "-m", __name__, str(file), arguments]
     found = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     try:
         ended = subprocess.run(
