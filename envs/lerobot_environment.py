@@ -58,9 +58,9 @@ class GuidedPushEnvConfig(EnvConfig):
     )
 
     def __post_init__(self) -> None:
-        spec = gymnasium.spec(self.gym_id)
         spaces = {f"envs.{task.name}.make:make": task.space for task in TASKS}
-        if spec.entry_point not in spaces:
+        spec = gymnasium.registry.get(self.gym_id.rpartition(":")[2])
+        if spec is None or spec.entry_point not in spaces:
             raise ValueError(f"env.task={self.task} is none of our tasks, such as {ENVIRONMENTS[SOURCE]}.")
         space = spaces[spec.entry_point]
         if self.episode_length is None:

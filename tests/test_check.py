@@ -113,6 +113,9 @@ def test_what_would_be_read_otherwise_than_it_is_meant_is_refused(tmp_path):
     file.write_text("x,y,z,wx,wy,wz\n0,0,0,0,0,90\n")
     with pytest.raises(PoseFileError, match="Row 1 is turned by 90, more than a whole turn in rad"):
         read_poses(file, PoseColumns(), None)
+    for whole in ("x,y,z,qx,qy,qz,qw,,\n0,0,0,0,0,0,1,,\n", "x,y,z,qx,qy,qz,qw\r0,0,0,0,0,0,1\r"):
+        file.write_text(whole, newline="")
+        assert len(read_poses(file, PoseColumns(), None)[0].positions) == 1
     file.write_text("x,y,z,qx,qy,qz,qw, x\n0,0,0,0,0,0,1,5\n")
     with pytest.raises(PoseFileError, match="its header names the column 'x' 2 times"):
         read_poses(file, PoseColumns(), None)

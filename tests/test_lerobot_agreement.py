@@ -64,6 +64,13 @@ def test_with_the_same_noise_lerobots_episodes_are_ours(ur3, ours):
     assert lengths[:3].tolist() == [outcome.length for outcome in outcomes]
 
 
+def test_a_name_that_is_no_task_of_ours_is_refused_and_a_namespace_is_none():
+    for name in ("BlockPush-UR4-v0", "CartPole-v1", None):
+        with pytest.raises(ValueError, match=f"env.task={name} is none of our tasks, such as BlockPush-xArm6-v0"):
+            GuidedPushEnvConfig(task=name)
+    assert GuidedPushEnvConfig(task="envs:PressButtons-UR3-v0").episode_length == 130
+
+
 def test_lerobot_eval_finds_both_plugins_from_anywhere(ur3, monkeypatch):
     """The command itself, in a folder of its own, cut off after five steps."""
     pytest.importorskip(

@@ -9,6 +9,7 @@ from benchmark import choose_scales, scales
 from benchmark.rollouts import arm_oracle, missing_episodes
 from benchmark.scoring.scale_table import scale_table
 from benchmark.settings.chosen_scales import USUAL_FOLDER, chosen_scales, read_scales, scales_file
+from benchmark.settings.config import RunConfig
 from benchmark.settings.robot_config import RobotConfig
 from benchmark.settings.setting import SettingError
 from benchmark.settings.suite import suite_conditions
@@ -166,8 +167,9 @@ def test_scales_that_ship_are_found_from_any_folder_but_by_one_that_has_its_own(
     monkeypatch.chdir(tmp_path)
     assert ours and chosen_scales(USUAL_FOLDER, "block_push") == ours
     assert chosen_scales("elsewhere", "block_push") == {}
+    scale_choice.written(RunConfig(RobotConfig("ur3"), method="paper"), {"scale": 3.0})
+    assert chosen_scales(USUAL_FOLDER, "block_push") == ours | {"paper": {"scale": 3.0}}
     own = scales_file(USUAL_FOLDER, "block_push")
-    own.parent.mkdir(parents=True)
     own.write_text("towards: {scale: 0.5}")
     assert chosen_scales(USUAL_FOLDER, "block_push") == {"towards": {"scale": 0.5}}
 

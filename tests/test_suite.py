@@ -162,6 +162,11 @@ def test_frozen_ceilings_are_those_of_the_stored_rows(suite, tmp_path, capsys):
     assert read_ceilings(tmp_path / "again.json") == read_ceilings(ceilings_file(suite))
 
 
+def test_a_task_that_takes_no_part_is_refused(tmp_path):
+    with pytest.raises(SettingError, match="methods=.* a dot after block_push alone"):
+        ceilings.main(CeilingsConfig(methods=["pres_buttons.way_on_arm"], output=str(tmp_path / "again.json")))
+
+
 def test_frozen_ceilings_come_back(tmp_path):
     made = {"ur3": ceiling(pd.concat([DIRECT, PLANNER]), "p2")}
     save_ceilings(tmp_path / "ceilings.json", made, {"suite": "mine"})

@@ -33,6 +33,8 @@ NO_JOINTS = ("timestamp", "time", "stamp", "t", "index", "frame_index", "task_in
 """Columns that are no joint's where joints have other names than the arm's."""
 LONGEST_HEADER, MOST_BYTES = 100_000, 10**9
 """Of a file of poses, in bytes."""
+MOST_TURN = 7.0
+"""Length of a rotation vector, in [rad]: a whole turn and some."""
 MOST_COLUMNS = 10_000
 """Numbers of a feature."""
 
@@ -120,7 +122,7 @@ def _poses(values: np.ndarray, names: list[str], wanted: PoseColumns) -> np.ndar
         raise PoseFileError(f"Row {np.argmax(bad) + 1} holds no finite number: {values[np.argmax(bad)].tolist()}")
     if wanted.joints_of is None:
         turned = np.linalg.norm(values[:, 3:], axis=1)
-        if turned.max() > 2 * np.pi:
+        if turned.max() > MOST_TURN:
             row = int(np.argmax(turned))
             raise PoseFileError(
                 f"Row {row + 1} is turned by {turned[row]:.4g}, more than a whole turn in rad. Rotation vectors are in "
@@ -218,8 +220,8 @@ def _csv(file: Path) -> _Table:
         raise PoseFileError(f"it is no table of comma-separated values ({' '.join(str(error).split())})") from error
     if not isinstance(table.index, pd.RangeIndex):  # pandas takes the first columns for names of rows.
         raise PoseFileError(f"its rows have more values than its header names, which are {_some(dict.fromkeys(table))}")
-    names = [name.strip() for name in next(csv.reader([header.decode("utf-8-sig")]), [])]
-    if twice := [name for name in names if names.count(name) > 1]:
+    names = [name.strip() for name in next(csv.reader(header.decode("utf-8-sig").splitlines()[:1]), [])]
+    if twice := [name for name in names if name and names.count(name) > 1]:
         raise PoseFileError(f"its header names the column {twice[0]!r} {names.count(twice[0])} times")
     return _Table(*_without_episodes({str(name).strip(): table[name].to_numpy() for name in table}))
 

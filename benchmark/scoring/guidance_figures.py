@@ -35,7 +35,7 @@ def draw_success(table: "pd.DataFrame", task: "Task") -> "Figure":
     curves = [
         rows
         for method in _order(table.method)
-        for _, rows in table[table.method == method].groupby("field_fingerprint")
+        for _, rows in table[table.method == method].groupby(["field_fingerprint", "entry_hash"])
         if method != "direct"
     ]
     figure, panels = _panels(len(curves), 2.6, sharey=True)

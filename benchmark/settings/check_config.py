@@ -68,14 +68,16 @@ class CheckConfig:
     """Arm that is to follow: one that ships, or custom."""
     poses: str = ""
     """What is to be followed: a .csv or .npz file with the columns x,y,z,qx,qy,qz,qw of the flange in the arm's base
-    frame, in m, and episode if there are several; or the folder of a LeRobotDataset; empty for the scenes of task."""
+    frame, in m, and episode or episode_index if there are several; or the folder of a LeRobotDataset; empty for the
+    scenes of task."""
     feature: str = ""
     """Of a LeRobotDataset: the feature that holds the poses; empty for the first that has them."""
     columns: list[str] = field(default_factory=list)
     """Names of the columns, in the order x,y,z,qx,qy,qz,qw or x,y,z,wx,wy,wz (rotation vector in rad) or of the joints;
-    empty to find them by their names, as in ee.x."""
+    empty to find them by their names, as in ee.x, or joints by the arm's names of them."""
     joints_of: RobotConfig = robot_field(NONE, (NONE, *ROBOTS, "custom"))
-    """The arm whose joint angles the file holds, base joint first; none if it holds poses."""
+    """The arm whose joint angles the file holds, base joint first where columns have other names; none if it holds
+    poses."""
     degrees: bool = False
     """Whether those joint angles are in degrees, true or false; else they are in rad."""
     fps: float | None = None

@@ -16,8 +16,8 @@ USUAL_FOLDER = "results/scales"
 
 
 def chosen_scales(folder: str, task: str) -> dict[str, dict[str, Any]]:
-    """A task's chosen scales (`read_scales`). The usual folder is the project's own where a command is typed in another
-    one that has none.
+    """A task's chosen scales (`read_scales`): of the usual folder those that ship, where it has none of the task below
+    the folder that a command is typed in.
 
     Raises:
         SettingError: If they are damaged.

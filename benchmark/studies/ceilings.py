@@ -9,7 +9,7 @@ from pathlib import Path
 
 from benchmark.settings.command import run_command
 from benchmark.settings.scenes import check_scenes
-from benchmark.settings.setting import SettingError, check_counts
+from benchmark.settings.setting import SettingError, check_counts, check_setting
 from benchmark.settings.suite import suite_conditions, suite_scenes, tasks_of
 from benchmark.settings.task import chosen_task
 
@@ -55,6 +55,9 @@ def main(config: CeilingsConfig) -> None:
     tasks = [chosen_task(name) for name in tasks_of(conditions)]
     if file.exists():
         raise SettingError(f"{file} is there, and is frozen with the suite. To make others, give output=.")
+    names = [task.name for task in tasks]
+    for of_task, dot, _ in (method.partition(".") for method in config.methods):
+        check_setting(not dot or of_task in names, "methods", config.methods, f"a dot after {' or '.join(names)} alone")
     table = Path(config.table) if config.table else ceilings_file(config.suite).parent
     read = [read_present(table, task) for task in tasks]
     rows = pd.concat([each for each in read if len(each)] or read[:1], ignore_index=True)
@@ -69,7 +72,7 @@ def main(config: CeilingsConfig) -> None:
         try:
             made[name] = ceiling(of_condition, chosen_task(conditions[name].task).success)
         except SettingError as error:
-            methods = [PLAIN, PLANNER, *(each.rpartition(".")[2] for each in config.methods)]
+            methods = dict.fromkeys([PLAIN, PLANNER, *(each.rpartition(".")[2] for each in config.methods)])
             raise SettingError(
                 f"{name}: {error} Roll them out: python -m benchmark.run -m suite={config.suite} "
                 f"method={','.join(methods)} seeds=[42,43,44] "

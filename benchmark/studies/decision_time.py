@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmark.settings.chosen_scales import chosen_scales
+from benchmark.settings.chosen_scales import USUAL_FOLDER, chosen_scales
 from benchmark.settings.command import run_command
 from benchmark.settings.config import RunConfig
 from benchmark.settings.paths import check_file
@@ -34,7 +34,7 @@ class DecisionTimeConfig:
     """An arm that ships, where it usually stands."""
     episodes: int = 5
     """Validation scenes, one at a time, after one that does not count; a whole number >= 1."""
-    scales_dir: str = "results/scales"
+    scales_dir: str = USUAL_FOLDER
     """Folder of the chosen scales."""
     output: str = "results/decision_times.csv"
     """Table that rows go to, in place of older ones of the same task, method and scale."""

@@ -121,17 +121,16 @@ def log_curves(task: "Task", config: WandbConfig, tables: "Iterable[pd.DataFrame
     shown = [f"{score}{end}" for score in task.score_names for end in ("", "_low", "_high", "_difference")]
     is_direct = points.method == "direct"
     points.loc[is_direct, [name for name in shown if name.endswith("_difference")]] = math.nan  # To itself.
-    curves = [
-        curve for _, curve in points[~is_direct].groupby([*CHOSEN_FOR, "method", "field_fingerprint"], sort=False)
-    ]
+    alike = [*CHOSEN_FOR, "method", "field_fingerprint", "entry_hash"]
+    curves = [curve for _, curve in points[~is_direct].groupby(alike, sort=False)]
     with progress_bar() as progress:
         for curve in progress.track(curves, description="W&B, curves"):
             first = curve.iloc[0]
-            alike = (points[CHOSEN_FOR] == first[CHOSEN_FOR]).all(axis=1)
+            of_arm = (points[CHOSEN_FOR] == first[CHOSEN_FOR]).all(axis=1)
             name = f"{first.robot}-{first.setting}-{first.method}"
             with start_experiment(config, name, group, "curve", first[[*CHOSEN_FOR, "method"]].to_dict()) as run:
                 run.define_metric("curve/*", step_metric="lambda")
-                for part in (points[alike & is_direct], curve.sort_values("lambda")):
+                for part in (points[of_arm & is_direct], curve.sort_values("lambda")):
                     named = part[["n", *shown]].add_prefix("curve/").assign(**{"lambda": part["lambda"]})
                     for _, row in named.iterrows():
                         run.log(row.dropna().to_dict())

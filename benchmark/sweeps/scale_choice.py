@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
-from benchmark.settings.chosen_scales import read_scales, scales_file
+from benchmark.settings.chosen_scales import USUAL_FOLDER, chosen_scales, scales_file
 from benchmark.settings.config import RunConfig, unfit
 from benchmark.settings.map_config import EnergyConfig, MapConfig
 from benchmark.settings.paths import check_folder
@@ -42,7 +42,7 @@ class ChooseScalesConfig:
     """Training seeds of the policies."""
     seed_start: int = 51_000
     """Seed of the first scene, a validation scene; the same scenes on all conditions."""
-    scales_dir: str = "results/scales"
+    scales_dir: str = USUAL_FOLDER
     """Folder of <task>.yaml, which the chosen scales are written into."""
     output_dir: str = "outputs/scale_choice"
     """Folder that the episodes go to."""
@@ -106,7 +106,7 @@ def written(run: RunConfig, chosen: dict[str, Any]) -> Path:
     from richmap.outputs import replacing
 
     file = scales_file(run.scales_dir, chosen_task(run.task).name)
-    said = read_scales(file) | {run.method: chosen}
+    said = chosen_scales(run.scales_dir, chosen_task(run.task).name) | {run.method: chosen}
     with replacing(file) as path:
         path.write_text("# Made by python -m benchmark.choose_scales.\n" + yaml.safe_dump(said, sort_keys=True))
     return file

@@ -191,7 +191,8 @@ def sweep(config: ScalesConfig, direct: "list[Rollout]", methods: list[Swept], c
     asked for are tried whatever comes out.
 
     Returns:
-        These episodes of all methods in the arm's folder, as far as this version of the code produced them.
+        These episodes of all methods in the arm's folder, as far as this version of the code produced them, and of
+        the classes that are swept their files as they are.
     """
     reference = run_points({"direct": direct}, config, "Direct transfer", console)["direct"]
     going, levels = methods, max(len(method.scales) for method in methods)
@@ -205,7 +206,9 @@ def sweep(config: ScalesConfig, direct: "list[Rollout]", methods: list[Swept], c
         rates = run_points(points, config, f"Scale {level + 1} of at most {levels}", console)
         if not config.scale:
             going = [method for method in going if rates[method.name] >= COLLAPSE * reference]
-    return read_methods(config.folder, direct[0].task, episode_seeds(config))
+    rows = read_methods(config.folder, direct[0].task, episode_seeds(config))
+    versions = {method.name: method.guidance.version for method in methods if method.guidance}
+    return rows[rows.entry_hash == rows.method.map(versions).fillna(rows.entry_hash)]
 
 
 def episode_seeds(config: ScalesConfig) -> range:
