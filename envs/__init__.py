@@ -4,9 +4,9 @@ import logging
 
 import gymnasium
 
-from envs.block_push import workspace as block_push
+from envs.block_push.workspace import MAX_EPISODE_STEPS as PUSH_STEPS
 from envs.drawing import check_mujoco_gl
-from envs.press_buttons import workspace as press_buttons
+from envs.press_buttons.workspace import MAX_EPISODE_STEPS as PRESS_STEPS
 from richmap.robots import SOURCE
 
 check_mujoco_gl()
@@ -25,11 +25,11 @@ def _registered(task: str, folder: str, steps: int, arms: str) -> dict[str, str]
 
 BLOCK_PUSH = "BlockPush-v0"
 """Gymnasium's name of the task on any arm (`envs.block_push.make.make`)."""
-ENVIRONMENTS = _registered("BlockPush", "block_push", block_push.MAX_EPISODE_STEPS, "xArm6 UR3 UR5 UR10")
+ENVIRONMENTS = _registered("BlockPush", "block_push", PUSH_STEPS, "xArm6 UR3 UR5 UR10")
 """Short names of it by arm."""
 PRESS_BUTTONS = "PressButtons-v0"
 """Gymnasium's name of pressing buttons on any arm (`envs.press_buttons.make.make`)."""
 PRESS_BUTTONS_ENVIRONMENTS = _registered(
-    "PressButtons", "press_buttons", press_buttons.MAX_EPISODE_STEPS, "xArm6 xArm7 UR3 UR5 UR5e UR10 Panda Gen3"
+    "PressButtons", "press_buttons", PRESS_STEPS, "xArm6 xArm7 UR3 UR5 UR5e UR10 Panda Gen3"
 )
 """Short names of it by arm."""

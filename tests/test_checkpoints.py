@@ -64,7 +64,8 @@ def test_a_checkpoint_is_called_by_the_folder_that_says_most(tmp_path, folder, n
 
 def test_a_name_that_is_no_policys_is_refused_with_those_that_are():
     with pytest.raises(
-        SettingError, match="policy=seed4-1 is no folder, .* of block_push .*: clean-seed42-1, .*seed42-1"
+        SettingError,
+        match="policy=seed4-1 is no folder of a checkpoint, .* of block_push .*: clean-seed42-1, .*seed42-1",
     ):
         policy_folder("seed4-1")
 

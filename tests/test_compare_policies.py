@@ -271,7 +271,7 @@ def test_a_policy_of_the_hub_is_fetched_by_its_name(tmp_path, monkeypatch):
     monkeypatch.setattr(huggingface_hub, "snapshot_download", offline)
     with pytest.raises(SettingError, match="policy=you/act is no folder here, and was not had from the Hub: OSError"):
         known_policies.policy_folder("you/act")
-    with pytest.raises(SettingError, match="it lacks config.json"):
+    with pytest.raises(SettingError, match="policy=act is no folder of a checkpoint, "):
         known_policies.policy_folder("act")
     assert known_policies.policy_folder("seed42-1").name == "seed42-1"
     copy = tmp_path / "models--you--act" / "snapshots" / "0a1b"

@@ -70,7 +70,8 @@ def policy_folder(name: str, task: str = RunConfig.task) -> Path:
     if not Path(name).exists() and not re.fullmatch(HUB_NAME, name):
         there = sorted({folder.name for root in CHECKPOINTS for folder in policies_in(of_task(root, task))})
         raise SettingError(
-            f"policy={name} is no folder, and no policy of {task} that is here: {', '.join(there) or NONE_HERE}."
+            f"policy={name} is no folder of a checkpoint, and no policy of {task} that is here: "
+            f"{', '.join(there) or NONE_HERE}."
         )
     if Path(name).exists():
         return Checkpoint.from_path(name).folder
