@@ -66,6 +66,7 @@ def test_an_oracle_plays_the_same_episode_through_the_task_as_by_itself():
     arm = block_push_arm("xarm6")
     infos = play_oracle(BLOCK_PUSH.make(arm), 100_003, BLOCK_PUSH.oracle("plain")(arm))
     env = gymnasium.make(envs.ENVIRONMENTS["xarm6"])
+    assert (envs.block_push.__name__, envs.press_buttons.__name__) == ("envs.block_push", "envs.press_buttons")
     by_itself = play_oracle(env, 100_003, lambda info: Oracle(info["mode"]))
     assert BLOCK_PUSH.summarize(infos) == BLOCK_PUSH.summarize(by_itself)
     with pytest.raises(ValueError, match="The task block_push has no aware oracle. It has: plain"):
