@@ -159,7 +159,8 @@ class RunConfig:
     arm is swapped in the original task) or best (as embodied, with the base where benchmark.studies.place_bases finds
     the arm to reach the most)."""
     scales_dir: str = USUAL_FOLDER
-    """With lambda=null: the folder of <task>.yaml, which holds the chosen scale of each method."""
+    """With lambda=null: the folder of <task>.yaml, which holds the chosen scale of each method; that of results/scales
+    is the one that ships, where there is none."""
     output_dir: str = "results"
     """Folder that results go to, such as episodes."""
     device: str = "auto"

@@ -63,7 +63,7 @@ def _approach(robot: RobotDescription) -> str:
     best = int(np.argmax(np.abs(seen)))
     name = ("" if seen[best] > 0 else "-") + "xyz"[best]
     way = "None of the frame's axes is along that"
-    if not outward and np.hypot(*last[:2, 3]) > ABOVE:
+    if np.hypot(*last[:2, 3]) > max(ABOVE, abs(last[2, 3])):
         way = "The last joint swings the tool and does not roll it, so no other axis is a better choice for that"
     elif abs(seen[best]) > ALONG:
         way = "Along that, and away from the arm, points" if outward else "Along that is"
